@@ -155,7 +155,6 @@ class LivePath:
         chain = MeasuringChain(fitted_model()).with_effects(all_effects(description))
         self.chains = {name: ActiveChain(chain, "1", RECOMMENDED) for name in NAMES[:compensated]}
         for each in self.chains.values():
-            each.warm_up()
             each.zero = ZeroTaken(0.0, 23.0, 0.03)
         self.channels: dict[str, Channel] = {}
         for name in NAMES:

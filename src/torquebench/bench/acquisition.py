@@ -474,7 +474,6 @@ class Acquisition:
     def set_compensation(self, side: Side, active: ActiveChain | None) -> None:
         """Compensate a side from the next block on; None ends it."""
         if active is not None:
-            active.warm_up()  # compiled before a block has to wait for it
             active.zero = self._zeroed.get(side)
         with self._release_lock:
             if active is not None and side in self._switched_off:

@@ -106,10 +106,6 @@ class ActiveChain:
         """Whether it corrects what repeats with every turn of the shaft."""
         return self.chain.find(Ripple) is not None
 
-    def warm_up(self) -> None:
-        """Compile the kernels before the first block needs them; the past stays unknown."""
-        self._stream.copy().push(Readings(np.zeros(1), counter_nm=np.zeros(1)))
-
     def push(
         self,
         record: Record,

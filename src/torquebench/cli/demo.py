@@ -132,7 +132,7 @@ def _measured(
 
     note(f"simulated bench: preset {description.simulation.get('preset')}, seed {settings.seed}")
     drawings: list[Callable[[], list[Section]]] = []
-    with second_process(at_once=True) as second:
+    with second_process() as second:
 
         def draw(module: ModuleResult) -> None:
             drawings.append(second.begin(partial(module_sections, module)))

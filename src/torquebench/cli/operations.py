@@ -315,12 +315,8 @@ def opened_bench(
 ) -> Iterator[BenchSession]:
     """Open the bench for operations that a person at the terminal watches; see `open_bench`."""
     from torquebench.cli.bench_session import open_bench
-    from torquebench.cli.models.compiling import second_process
 
-    with (
-        second_process(),
-        open_bench(description, data, real_time=real_time, yes=yes, resumed=resumed) as session,
-    ):
+    with open_bench(description, data, real_time=real_time, yes=yes, resumed=resumed) as session:
         yield session
 
 

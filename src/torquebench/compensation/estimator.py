@@ -6,6 +6,8 @@ import takes longer than all three. The methods that scikit-learn itself calls i
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, Self, TypeGuard, dataclass_transform
@@ -190,29 +192,71 @@ class Estimator:
     def _require_fit(self) -> None:
         """Raise scikit-learn's `NotFittedError` if the model isn't fitted."""
         if "points_" not in vars(self):
-            from sklearn.utils.validation import check_is_fitted
+            with _scikit_learn(Message("a model that isn't fitted"), "a model after `fit`"):
+                from sklearn.utils.validation import check_is_fitted
 
-            check_is_fitted(self)
+                check_is_fitted(self)
 
     def _checked_points(self, X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return checked columns and values; raises `ValueError` as scikit-learn does."""
-        if _plain(X, 2) and _plain(y, 1) and X.shape[0] == y.shape[0]:
-            self.n_features_in_ = X.shape[1]
+        columns, values = _array(X, 2), _array(y, 1)
+        if columns is not None and values is not None and len(columns) == len(values):
+            self.n_features_in_ = columns.shape[1]
             self.__dict__.pop("feature_names_in_", None)  # of an earlier fit to a frame
-            return X, y
-        from sklearn.utils.validation import validate_data
+            return columns, values
+        with _scikit_learn(_described(X, y), "rows of finite numbers, and as many values"):
+            from sklearn.utils.validation import validate_data
 
-        X, y = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=1)
+            X, y = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=1)
         return np.asarray(X), np.asarray(y, dtype=np.float64)
 
     def _checked_rows(self, X: ArrayLike) -> FloatArray:
         """Return as many checked columns as `fit` had; raises `ValueError` likewise."""
         known = getattr(self, "n_features_in_", None)
-        if _plain(X, 2) and X.shape[1] == known and "feature_names_in_" not in vars(self):
-            return X
-        from sklearn.utils.validation import validate_data
+        columns = _array(X, 2)
+        named = "feature_names_in_" in vars(self)
+        if columns is not None and columns.shape[1] == known and not named:
+            return columns
+        with _scikit_learn(
+            _described(X), Message("rows of {known} finite numbers, as `fit` had", known)
+        ):
+            from sklearn.utils.validation import validate_data
 
-        return np.asarray(validate_data(self, X, dtype=np.float64, reset=False))
+            return np.asarray(validate_data(self, X, dtype=np.float64, reset=False))
+
+
+@contextmanager
+def _scikit_learn(found: Message, allowed: Message | str) -> Iterator[None]:
+    """Let scikit-learn say what is wrong with an argument; without it, say it shorter."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name is None or not error.name.startswith("sklearn"):
+            raise
+        raise InputError(
+            found, allowed, "pip install 'torquebench[notebook]' has more of what is wrong said"
+        ) from error
+
+
+def _described(*arguments: ArrayLike) -> Message:
+    shapes = ", ".join(str(np.shape(each)) for each in arguments)
+    return Message("arrays of shape {shapes} that aren't plain numbers", shapes)
+
+
+def _array(values: ArrayLike, dimensions: int) -> FloatArray | None:
+    """Return values as a non-empty array of finite float64, None if they aren't such."""
+    if _plain(values, dimensions):
+        return values
+    if not isinstance(values, list | tuple | np.ndarray):
+        return None
+    try:
+        numbers = np.asarray(values)
+    except ValueError:  # rows of different lengths
+        return None
+    if numbers.dtype.kind not in "fiu":
+        return None
+    numbers = numbers.astype(np.float64)
+    return numbers if _plain(numbers, dimensions) else None
 
 
 def _plain(values: ArrayLike, dimensions: int) -> TypeGuard[FloatArray]:

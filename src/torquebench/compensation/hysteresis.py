@@ -24,15 +24,14 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import ceil, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from torquebench.compensation.piecewise import evaluate_piecewise, interpolated
 from torquebench.compensation.table import CompensationTable
 from torquebench.errors import InputError
-from torquebench.kernels import inner, kernel
 from torquebench.message import Message
 
 __all__ = [
@@ -65,25 +64,85 @@ def reversing_path(full_scale_nm: float) -> FloatArray:
     return full_scale_nm * np.array([0.0, 1.0, -1.0, 1.0, -1.0, 0.0])
 
 
-@kernel
-def _follow(reading, operators, low, high):  # type: ignore[no-untyped-def] # Numba infers
-    """Move the play operators along the readings.
+_AT_ONCE = 1 << 14
+"""Readings whose states are in memory at once."""
 
-    The rows of `operators` are widths, weights, and the lower and upper bounds of their states.
+_ONE_BY_ONE = 48
+"""Readings up to which one after the other is faster than in chunks side by side."""
+
+
+def _follow(reading: FloatArray, operators: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Move the play operators along the readings, and return the bounds of the state at each.
+
+    The rows of `operators` are widths, weights, and the lower and upper bounds of their places.
     """
-    widths, weights, lowest, highest = operators[0], operators[1], operators[2], operators[3]
-    for k in range(reading.size):
-        x = reading[k]
-        state_low = 0.0
-        state_high = 0.0
-        for j in range(widths.size):
-            width = widths[j]
-            lowest[j] = max(x - width, min(x + width, lowest[j]))
-            highest[j] = max(x - width, min(x + width, highest[j]))
-            state_low += weights[j] * (x - highest[j]) / width
-            state_high += weights[j] * (x - lowest[j]) / width
-        low[k] = state_low
-        high[k] = state_high
+    widths, weights, bounds = operators[0], operators[1], operators[2:]
+    states = np.empty((2, reading.size))
+    for start in range(0, reading.size, _AT_ONCE):
+        part = reading[start : start + _AT_ONCE]
+        columns, places = _places(part, widths, bounds)
+        if columns.shape[1] == 1:  # all terms at once; `accumulate` adds them one by one
+            terms = weights[:, None] * (columns[:, :, None] - places[..., 0]) / widths[:, None]
+            state = np.add.accumulate(terms, axis=1)[:, -1, :, None]
+        else:
+            state = np.zeros((len(places), 2, columns.shape[1]))
+            for play, (width, weight) in enumerate(
+                zip(widths.tolist(), weights.tolist(), strict=True)
+            ):
+                state += weight * (columns[:, None] - places[:, play]) / width
+        states[:, start : start + part.size] = _in_a_row(state)[:, : part.size]
+        bounds[:] = places[-1, :, :, -1].T
+    return states[1], states[0]
+
+
+def _in_a_row(columns: FloatArray) -> FloatArray:
+    """Return values of shape (2, n) of columns of shape (length, 2, chunks)."""
+    return columns.transpose(1, 2, 0).reshape(2, -1)
+
+
+def _places(
+    reading: FloatArray, widths: FloatArray, start: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return readings, and the places of play operators from two starts, in columns of chunks.
+
+    A reading clamps a place between its own value less and plus the width. Clamps in a row are one
+    clamp, so that chunks of readings are followed side by side: the clamp of every chunk is
+    composed, and the place at its start found. The bits are those of one reading after the other.
+
+    Parameters
+    ----------
+    reading : float64 array of shape (n,)
+        At least one; the last chunk is filled up with the last reading, which moves nothing.
+    widths : float64 array of shape (j,)
+    start : float64 array of shape (2, j)
+
+    Returns
+    -------
+    columns : float64 array of shape (length, chunks)
+    places : float64 array of shape (length, j, 2, chunks)
+    """
+    length = reading.size if reading.size <= _ONE_BY_ONE else ceil(sqrt(reading.size))
+    chunks = -(-reading.size // length)
+    missing = chunks * length - reading.size
+    filled = np.concatenate((reading, reading[-1:].repeat(missing))) if missing else reading
+    columns = filled.reshape(chunks, length).T.copy()
+    low, high = (columns[:, None] + side * widths[:, None] for side in (-1.0, 1.0))
+    starts = np.empty((chunks, widths.size, 2))
+    starts[0] = start.T
+    if chunks > 1:
+        clamp = np.stack((low[0], high[0]))
+        for k in range(1, length):
+            np.maximum(low[k], np.minimum(high[k], clamp, out=clamp), out=clamp)
+        least, most = clamp.transpose(0, 2, 1)[..., None]
+        for chunk in range(1, chunks):
+            before = np.minimum(most[chunk - 1], starts[chunk - 1])
+            np.maximum(least[chunk - 1], before, out=starts[chunk])
+    places = np.empty((length, widths.size, 2, chunks))
+    now = starts.transpose(1, 2, 0)
+    for k in range(length):
+        now = np.minimum(high[k, :, None], now, out=places[k])
+        np.maximum(low[k, :, None], now, out=now)
+    return columns, places
 
 
 @dataclass(frozen=True)
@@ -310,9 +369,7 @@ class BranchTracker:
         reading = np.ascontiguousarray(reading_nm, dtype=np.float64)
         if reading.ndim != 1 or not np.all(np.isfinite(reading)):
             raise _gaps()
-        low, high = np.empty((2, reading.size))
-        _follow(reading, self._operators, low, high)
-        return low, high
+        return _follow(reading, self._operators)
 
 
 def _gaps() -> InputError:
@@ -356,6 +413,23 @@ class LiveTorque(NamedTuple):
     middle_nm: FloatArray
 
 
+class _State(NamedTuple):
+    """Lower and upper bounds of the state at readings, and the states of the calibration there."""
+
+    bounds: FloatArray
+    falling: FloatArray
+    rising: FloatArray
+
+    @classmethod
+    def at(
+        cls, reading: FloatArray, low: FloatArray, high: FloatArray, reference: FloatArray
+    ) -> _State:
+        grid, falling, rising = reference
+        lower = np.interp(reading, grid, falling)
+        upper = np.maximum(np.interp(reading, grid, rising), lower)
+        return cls(np.array((low, high)), lower, upper)
+
+
 class HistoryCompensator:
     """Compensates a stream of readings by a branch-aware table and the readings' own history.
 
@@ -395,109 +469,66 @@ class HistoryCompensator:
         LiveTorque
         """
         reading = np.ascontiguousarray(reading_nm, dtype=np.float64)
-        curve, spread = self.table.curve, self.table.uncertainty_curve
-        result = np.empty((6, reading.size))
-        outside = _compensate(
-            reading,
-            (self.tracker._operators, self._even_tracker._operators),
-            (self.operator.reference, self._even.reference),
-            curve.packed,
-            (curve if spread is None else spread).packed,
-            (curve.branch_aware, spread is not None and spread.branch_aware, spread is not None),
-            (self.operator.amplitude_nm, self.operator.amplitude_std_nm),
-            result,
+        state, even = (
+            _State.at(reading, *each.push(reading), operator.reference)
+            for each, operator in (
+                (self.tracker, self.operator),
+                (self._even_tracker, self._even),
+            )
         )
-        if outside < 0:
-            raise _gaps()
+        both = np.concatenate((reading, reading))
+        upward = np.where(reading >= 0.0, 1, -1).astype(np.int8)
+        branch = np.concatenate((upward, -upward))
+        torque, std = np.empty(both.size), np.zeros(both.size)
+        outside = self.table.curve.evaluate(both, branch, torque)
+        if self.table.uncertainty_curve is not None:
+            self.table.uncertainty_curve.evaluate(both, branch, std)
         fault = np.zeros(reading.size, dtype=np.bool_)
         if outside:
             fault = (reading < self.table.reading_low_nm) | (reading > self.table.reading_high_nm)
-        return LiveTorque(result[0], result[1], result[2], fault, *result[3:])
+        return self._mixed(state, even, torque.reshape(2, -1), std.reshape(2, -1), fault)
+
+    def _mixed(
+        self,
+        state: _State,
+        even: _State,
+        torque: FloatArray,
+        std: FloatArray,
+        fault: NDArray[np.bool_],
+    ) -> LiveTorque:
+        """Return the torque between the loop's curves; `torque` has the rising one first."""
+        rising, falling = torque
+        amplitude, amplitude_std = self.operator.amplitude_nm, self.operator.amplitude_std_nm
+        width = np.maximum(state.rising - state.falling, 1e-9)
+        loop = rising - falling
+        inside = np.maximum(state.falling, np.minimum(state.rising, state.bounds))
+        share = (inside - state.falling) / width
+        beyond = state.bounds - inside
+        bound = falling + share * loop + amplitude * beyond
+        place = 2.0 * share - 1.0
+        coordinate = 0.5 * (place[0] + place[1])
+        evenly = np.maximum(even.falling, np.minimum(even.rising, even.bounds)) - even.falling
+        evenly /= np.maximum(even.rising - even.falling, 1e-9)
+        by_past = 0.5 * np.abs(bound[1] - bound[0])
+        by_weights = (0.5 + 0.5 * coordinate - (evenly[0] + evenly[1]) / 2.0) * loop
+        by_amplitude = (abs(amplitude) + amplitude_std) * np.abs(beyond).max(axis=0)
+        half_width = np.sqrt(by_past**2 + by_weights**2 + by_amplitude**2)
+        share = 0.5 * (1.0 + coordinate)
+        curve = np.sqrt(share * std[0] ** 2 + (1.0 - share) * std[1] ** 2)
+        return LiveTorque(
+            torque_nm=0.5 * (bound[0] + bound[1]),
+            coordinate=coordinate,
+            half_width_nm=half_width,
+            fault=fault,
+            standard_uncertainty_nm=np.sqrt(curve * curve + half_width * half_width / 3.0),
+            curve_uncertainty_nm=curve,
+            middle_nm=0.5 * (rising + falling),
+        )
 
     def forget(self) -> None:
         """Discard the history, as after a gap in the readings or a fault."""
         self.tracker.forget()
         self._even_tracker.forget()
-
-
-@kernel
-def _compensate(reading, operators, references, curve, spread, flags, amplitude, result):  # type: ignore[no-untyped-def] # Numba infers
-    """Move both sets of play operators along the readings and fill in what `_mix` does.
-
-    Return the number of readings outside the table, or -1, without moving anything, if one isn't
-    finite. The flags are whether curve and spread have branches, and whether there is a spread.
-    """
-    count = reading.size
-    for k in range(count):
-        if not np.isfinite(reading[k]):
-            return -1
-    states = np.empty((8, count))
-    for number in range(2):
-        first = 4 * number
-        _follow(reading, operators[number], states[first], states[first + 1])
-        grid, falling, rising = references[number]
-        for k in range(count):
-            lower = interpolated(reading[k], grid, falling)
-            states[first + 2, k] = lower
-            states[first + 3, k] = max(interpolated(reading[k], grid, rising), lower)
-    both, branch = np.empty(2 * count), np.empty(2 * count, dtype=np.int8)
-    for k in range(count):
-        both[k] = both[count + k] = reading[k]
-        branch[k] = 1 if reading[k] >= 0.0 else -1
-        branch[count + k] = -branch[k]
-    torque, std = np.empty(2 * count), np.empty(2 * count if flags[2] else 0)
-    outside = evaluate_piecewise(both, branch[: 2 * count * flags[0]], torque, *curve)
-    if flags[2]:
-        evaluate_piecewise(both, branch[: 2 * count * flags[1]], std, *spread)
-    others = (states[4], states[5], states[6], states[7])
-    low, high, falling, rising = states[0], states[1], states[2], states[3]
-    _mix(low, high, falling, rising, torque, std, amplitude, others, result)
-    return outside
-
-
-@inner
-def _mix(  # type: ignore[no-untyped-def] # Numba infers
-    low, high, falling, rising, torque, std, amplitude, others, result
-):
-    """Fill in torque, place, half-width, uncertainties and middle between the bounds of the state.
-
-    `torque` and `std` hold the rising curve's values and then the falling one's, `amplitude` the
-    loop's amplitude and its standard uncertainty, and `others` the bounds of the state and both
-    curves for equal weights.
-    """
-    count = low.size
-    bound = np.empty(2)
-    place = np.empty(2)
-    for k in range(count):
-        bottom, top = others[2][k], others[3][k]
-        nearest = max(bottom, min(top, others[0][k])) - bottom
-        other = nearest / max(top - bottom, 1e-9)
-        nearest = max(bottom, min(top, others[1][k])) - bottom
-        other = (other + nearest / max(top - bottom, 1e-9)) / 2.0  # 0 falling, 1 rising
-        width = max(rising[k] - falling[k], 1e-9)
-        farthest = 0.0
-        for side in range(2):
-            state = low[k] if side == 0 else high[k]
-            inside = max(falling[k], min(rising[k], state))
-            share = (inside - falling[k]) / width
-            beyond = amplitude[0] * (state - inside)
-            bound[side] = torque[count + k] + share * (torque[k] - torque[count + k]) + beyond
-            place[side] = 2.0 * share - 1.0
-            farthest = max(farthest, abs(state - inside))
-        result[0, k] = 0.5 * (bound[0] + bound[1])
-        result[1, k] = 0.5 * (place[0] + place[1])
-        by_past = 0.5 * abs(bound[1] - bound[0])
-        by_weights = (0.5 + 0.5 * result[1, k] - other) * (torque[k] - torque[count + k])
-        by_amplitude = (abs(amplitude[0]) + amplitude[1]) * farthest
-        half_width = np.sqrt(by_past**2 + by_weights**2 + by_amplitude**2)
-        curve = 0.0
-        if std.size > 0:
-            share = 0.5 * (1.0 + result[1, k])
-            curve = np.sqrt(share * std[k] ** 2 + (1.0 - share) * std[count + k] ** 2)
-        result[2, k] = half_width
-        result[3, k] = np.sqrt(curve * curve + half_width * half_width / 3.0)
-        result[4, k] = curve
-        result[5, k] = 0.5 * (torque[k] + torque[count + k])
 
 
 def _rising_and_falling(

@@ -9,14 +9,13 @@ the dimension of the points.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import factorial, tau
+from math import tau
 
 import numpy as np
 from scipy.linalg import lapack
 
 from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.state import storable
-from torquebench.kernels import kernel
 
 __all__ = [
     "GROUPS",
@@ -242,66 +241,6 @@ def rounding(diagonal: FloatArray) -> float:
     return float(4.0 * diagonal.size * np.finfo(np.float64).eps * np.max(diagonal))
 
 
-_SERIES = tuple(1.0 / factorial(power) for power in range(13, -1, -1))
-"""Taylor's series of the exponential, highest power first."""
-
-
-@kernel(fastmath=True, error_model="numpy", nogil=True)
-def _descend(
-    x: FloatArray,
-    target: FloatArray,
-    weights: FloatArray,
-    input_weights: FloatArray,
-    hidden_biases: FloatArray,
-    output_weights: FloatArray,
-    output_bias: float,
-    rate: float,
-    epochs: int,
-) -> float:
-    """Run epochs of batch gradient descent on the mean square; arrays change in place.
-
-    The hyperbolic tangent is 1 − 2/(e²ᶻ + 1) with the exponential from Taylor's series at z/32,
-    squared six times, so that the compiler can run it on whole vectors: four times as fast.
-    """
-    hidden = input_weights.size
-    t = np.empty((x.size, hidden))
-    error = np.empty(x.size)
-    step = 2.0 * rate / x.size
-    for _ in range(epochs):
-        for i in range(x.size):
-            output = output_bias
-            for h in range(hidden):
-                z = input_weights[h] * x[i] + hidden_biases[h]
-                r = min(max(z, -20.0), 20.0) / 32.0
-                p = 0.0
-                for coefficient in _SERIES:
-                    p = coefficient + r * p
-                p = p * p
-                p = p * p
-                p = p * p
-                p = p * p
-                p = p * p
-                p = p * p
-                t[i, h] = 1.0 - 2.0 / (p + 1.0)
-            for h in range(hidden):
-                output += t[i, h] * output_weights[h]
-            error[i] = weights[i] * (output - target[i])
-        by_output, by_bias, by_input = np.zeros(hidden), np.zeros(hidden), np.zeros(hidden)
-        for i in range(x.size):
-            for h in range(hidden):
-                slope = error[i] * (1.0 - t[i, h] * t[i, h])
-                by_output[h] += error[i] * t[i, h]
-                by_bias[h] += slope
-                by_input[h] += slope * x[i]
-        output_bias -= step * error.sum()
-        for h in range(hidden):
-            back = step * output_weights[h]
-            input_weights[h] -= back * by_input[h]
-            hidden_biases[h] -= back * by_bias[h]
-            output_weights[h] -= step * by_output[h]
-    return output_bias
-
-
 def descend(
     network: NetworkParameters,
     x: FloatArray,
@@ -313,8 +252,25 @@ def descend(
     """Return a network after epochs of batch gradient descent on the mean square error."""
     flat = network.flat
     hidden = network.input_weights.size
-    parts = flat[:hidden], flat[hidden : 2 * hidden], flat[2 * hidden : -1]
-    flat[-1] = _descend(x, target, weights, *parts, flat[-1], rate, epochs)
+    first, second = flat[: 2 * hidden].reshape(2, hidden), flat[2 * hidden : -1]
+    inputs = np.stack((x, np.ones_like(x)), axis=1)
+    step = 2.0 * rate / x.size
+    outputs, squares = np.empty((2, x.size, hidden))
+    errors = np.empty((2, x.size))  # by input and by bias
+    error = errors[1]
+    for _ in range(epochs):
+        np.tanh(np.dot(inputs, first, out=outputs), out=outputs)
+        np.dot(outputs, second, out=error)
+        error += flat[-1] - target
+        error *= weights
+        np.multiply(error, x, out=errors[0])
+        np.multiply(outputs, outputs, out=squares)
+        back = np.add.reduce(errors, axis=1)
+        slope = back[:, None] - np.dot(errors, squares)
+        flat[-1] -= step * back[1]
+        by_output = np.dot(error, outputs)
+        first -= step * second * slope
+        second -= step * by_output
     return NetworkParameters.from_flat(flat)
 
 

@@ -2,14 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from math import ceil, exp, log
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
-from torquebench.kernels import inner, kernel
 from torquebench.message import Message
 
 __all__ = [
@@ -18,8 +16,6 @@ __all__ = [
     "Curve",
     "PiecewisePolynomial",
     "approximate",
-    "evaluate_piecewise",
-    "interpolated",
 ]
 
 FloatArray = NDArray[np.float64]
@@ -56,76 +52,8 @@ _BESIDE_ZERO = 1e-12
 """Distance from zero, in full scales, at which the limit at a reversal is evaluated."""
 
 
-_NO_BRANCHES = np.empty(0, dtype=np.int8)
-_BLOCK = 1024  # readings whose places fit the first-level cache
-
-
-@inner
-def _locate(reading, grid, order, start, first_of, place):  # type: ignore[no-untyped-def] # Numba infers
-    """Find every reading's coefficients and place in the interval; return how many are outside.
-
-    The coefficients of the branch begin at `start` of the table.
-    """
-    scale, zero, extra, near, low, high, _ = grid
-    outside = 0
-    for i in range(reading.size):
-        value = reading[i]
-        # a comparison with NaN is false, so NaN gets the interval of the lower limit
-        clamped = value if value > low else low
-        clamped = clamped if clamped < high else high
-        central = min(max(clamped, -near), near)
-        location = clamped * scale + (central * extra + zero) + 0.5
-        number = np.int32(location)
-        first_of[i] = order * number + start
-        place[i] = location - number - 0.5
-        outside += clamped != value
-    return outside
-
-
-@kernel
-def interpolated(value, nodes, values):  # type: ignore[no-untyped-def] # Numba infers
-    """Return what `np.interp` does for one value, for use in other kernels."""
-    last = nodes.size - 1
-    if np.isnan(value) or value < nodes[0]:
-        return value if np.isnan(value) else values[0]
-    if value >= nodes[last]:
-        return values[last]
-    below = np.searchsorted(nodes, value, side="right") - 1
-    slope = (values[below + 1] - values[below]) / (nodes[below + 1] - nodes[below])
-    return slope * (value - nodes[below]) + values[below]
-
-
-@kernel(nogil=True)
-def evaluate_piecewise(reading, branch, out, table, intervals, order, grid):  # type: ignore[no-untyped-def] # Numba infers
-    """Evaluate block by block: locating is vectorised, fetching coefficients isn't."""
-    first_of = np.empty(_BLOCK, dtype=np.int32)
-    place = np.empty(_BLOCK)
-    branch_step = np.int32(order * intervals)
-    outside = 0
-    for start in range(0, reading.size, _BLOCK):
-        part, result = reading[start : start + _BLOCK], out[start : start + _BLOCK]
-        outside += _locate(part, grid, np.int32(order), branch_step, first_of, place)
-        if branch.size:
-            signs = branch[start : start + _BLOCK]
-            for i in range(part.size):
-                first_of[i] += branch_step * signs[i]
-        if order == 2:
-            for i in range(part.size):
-                k = np.uint64(first_of[i])
-                place[i] = table[k] + place[i] * table[k + np.uint64(1)]
-        else:
-            for i in range(part.size):
-                k, f = np.uint64(first_of[i]), place[i]
-                square = table[k + np.uint64(2)] + f * table[k + np.uint64(3)]
-                place[i] = table[k] + f * (table[k + np.uint64(1)] + f * square)
-        # not `gain · value`: an infinite or missing reading times 0 would not be 0
-        if grid[6] != 0.0:
-            for i in range(part.size):
-                result[i] = part[i] + place[i]
-        else:
-            for i in range(part.size):
-                result[i] = place[i]
-    return outside
+_BLOCK = 4096
+"""Readings that are evaluated at once: they fit the second-level cache."""
 
 
 @dataclass(frozen=True)
@@ -199,16 +127,29 @@ class PiecewisePolynomial:
         outside : int
             Number of readings outside the limits, or not a number.
         """
-        signs = branch if self.branch_aware and branch is not None else _NO_BRANCHES
-        return int(evaluate_piecewise(reading, signs, out, *self.packed))
-
-    @cached_property
-    def packed(
-        self,
-    ) -> tuple[FloatArray, int, int, tuple[float, float, float, float, float, float, float]]:
-        """Coefficients, intervals of a branch, coefficients of an interval, and the grid."""
-        grid = (self.scale, self.zero, self.extra, self.near, self.low, self.high, self.gain)
-        return self.coefficients.reshape(-1), self.intervals, self.degree + 1, grid
+        order = self.degree + 1
+        table = self.coefficients.reshape(-1, order)
+        signs = branch if self.branch_aware else None
+        outside = 0
+        for start in range(0, reading.size, _BLOCK):
+            block = slice(start, start + _BLOCK)
+            value = reading[block]
+            held = np.fmin(np.fmax(value, self.low), self.high)  # NaN gets the lower limit's place
+            outside += int(np.count_nonzero(held != value))
+            central = np.minimum(np.maximum(held, -self.near), self.near)
+            location = held * self.scale + (central * self.extra + self.zero) + 0.5
+            interval = location.astype(np.intp)
+            place = location - interval - 0.5
+            interval += self.intervals
+            if signs is not None:
+                interval += self.intervals * signs[block].astype(np.intp)
+            powers = table.take(interval, axis=0)
+            result = powers[:, -1]
+            for power in range(order - 2, -1, -1):
+                result = powers[:, power] + place * result
+            # not `gain · value`: an infinite or missing reading times 0 would not be 0
+            out[block] = value + result if self.gain else result
+        return outside
 
     def nodes(self) -> FloatArray:
         """Edges of the intervals in N·m in ascending order, from the lower to the upper limit."""

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from torquebench.dynamics.convolution import convolve_uncertain
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -153,21 +154,12 @@ class FilterStream:
             of the samples. None, with nothing filtered, at the start or with a fault among the
             samples; `push` filters those.
         """
-        from torquebench.dynamics._kernels import correct_uncertain
-
-        rows = np.empty((3, values.size))
-        if self._begun and correct_uncertain(
-            self._past,
-            values,
-            uncertainty,
-            self._weights,
-            self._factors,
-            self._variances,
-            self._squares,
-            rows,
-        ):
-            return rows
-        return None
+        known = np.isfinite(values) & (uncertainty >= 0.0) & (uncertainty < np.inf)
+        if not self._begun or not known.all():
+            return None
+        value, coefficients, noise = self._run(values, uncertainty)
+        added = np.square(np.sqrt(noise)) - np.square(uncertainty)
+        return np.stack((value - values, np.sqrt(coefficients), np.sqrt(np.maximum(added, 0.0))))
 
     def push(self, values: FloatArray, uncertainty: FloatArray) -> Filtered:
         """Filter the next samples; a fault (NaN) gets no number.
@@ -199,12 +191,10 @@ class FilterStream:
         return result
 
     def _run(self, values: FloatArray, spread: FloatArray) -> tuple[FloatArray, ...]:
-        from torquebench.dynamics._kernels import convolve_uncertain
-
         if not self._begun:
             self._begun = True
             self._past[0], self._past[1] = values[0], spread[0] ** 2
-        value, coefficients, noise = convolve_uncertain(
+        return convolve_uncertain(
             self._past,
             values,
             spread,
@@ -213,7 +203,6 @@ class FilterStream:
             self._variances,
             self._squares,
         )
-        return value, coefficients, noise
 
 
 def _runs(finite: NDArray[np.bool_]) -> Iterable[tuple[int, int]]:

@@ -9,7 +9,6 @@ from scipy.optimize import minimize_scalar
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.signals._kernels import mark_isolated, running_median, settled_from
 from torquebench.units import TURN
 
 __all__ = ["SteadyValue", "settling_index", "steady_value"]
@@ -190,8 +189,12 @@ def settling_index(value: ArrayLike, latest: int | None = None) -> int:
     """
     samples = np.asarray(value, dtype=np.float64)
     centred = samples - median(samples)
-    last = samples.size // 2 if latest is None else latest
-    return int(settled_from(centred, max(last, 0)))
+    last = max(samples.size // 2 if latest is None else latest, 0)
+    counts = np.arange(1.0, samples.size + 1.0)
+    total = np.add.accumulate(centred[::-1])
+    squares = np.add.accumulate(np.square(centred[::-1]))
+    spread = (np.maximum(squares - total * total / counts, 0.0) / (counts * counts))[::-1]
+    return int(np.argmin(spread[: last + 1]))
 
 
 def _checked(
@@ -399,7 +402,23 @@ def median(values: NDArray[np.float64]) -> float:
 
 def isolated(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Keep only marks that stand alone or in pairs."""
-    return np.asarray(mark_isolated(far, _LONGEST_RUN))
+    edges = np.flatnonzero(np.diff(far.astype(np.int8), prepend=0, append=0))
+    kept = np.zeros_like(far)
+    for first, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        kept[first:stop] = stop - first <= _LONGEST_RUN
+    return kept
+
+
+def running_median(values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    """Return the median of the `size` values around each, mirrored at both ends.
+
+    Of an even size the upper one of both in the middle, with one more value before than after; as
+    in scipy.ndimage, which takes longer to import than this to run.
+    """
+    before = size // 2
+    mirrored = np.pad(values, (before, size - 1 - before), mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(mirrored, size)
+    return np.asarray(np.partition(windows, before, axis=1)[:, before])
 
 
 # -- ripple -------------------------------------------------------------------------------------

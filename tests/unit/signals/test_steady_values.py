@@ -7,7 +7,6 @@ from scipy.signal import lfilter
 
 from torquebench.errors import InputError
 from torquebench.signals import steady_value
-from torquebench.signals._kernels import running_median
 from torquebench.signals.steady import (
     autocorrelation,
     correlation_length,
@@ -15,6 +14,7 @@ from torquebench.signals.steady import (
     isolated,
     median,
     outliers,
+    running_median,
     settling_index,
 )
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from torquebench.chain._kernels import goes_on
+from torquebench.chain.corrections import goes_on
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Known, Readings, known_or
 from torquebench.chain.torque import Component, Shared

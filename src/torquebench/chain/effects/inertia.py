@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from torquebench.chain._kernels import inertia
+from torquebench.chain.corrections import inertia
 from torquebench.chain.effect import Effect, MeasuredPart, register
 from torquebench.chain.readings import FloatArray, Readings, row_of
 from torquebench.chain.torque import Component, Shared, by_row

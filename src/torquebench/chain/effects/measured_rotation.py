@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.chain._kernels import rotation
+from torquebench.chain.corrections import rotation
 from torquebench.chain.effect import Effect, MeasuredPart, Refusal, register
 from torquebench.chain.effects.rotation import STANDSTILL_RPM
 from torquebench.chain.grid import (

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from torquebench.chain._kernels import temperature
+from torquebench.chain.corrections import temperature
 from torquebench.chain.effect import Effect, MeasuredPart, Refusal, register
 from torquebench.chain.effects.temperature import Temperature
 from torquebench.chain.grid import Numbers, between, linear, located

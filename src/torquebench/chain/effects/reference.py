@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from math import sqrt
 from typing import Any, ClassVar, Self
 
-from torquebench.chain._kernels import standard
+from torquebench.chain.corrections import standard
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Readings
 from torquebench.chain.torque import Component, Shared
