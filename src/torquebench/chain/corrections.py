@@ -90,9 +90,8 @@ def inertia(
     nothing = np.isnan(acceleration)
     now = np.where(nothing, 0.0, acceleration)
     of_now = np.where(nothing, unknown, uncertainty)
-    return np.array(
-        (np.copysign(np.hypot(moment[1] * now, moment[0] * of_now), now), -moment[0] * now)
-    )
+    of_torque = np.copysign(np.hypot(moment[1] * now, moment[0] * of_now), now)
+    return np.array((of_torque, -moment[0] * now))
 
 
 def standard(torque_nm: FloatArray, down: FloatArray, up: FloatArray) -> FloatArray:
@@ -105,7 +104,7 @@ def standard(torque_nm: FloatArray, down: FloatArray, up: FloatArray) -> FloatAr
     for side in (down, up):
         within = np.minimum(np.maximum(size, side[0, 0]), side[0, -1])
         expanded.append(np.interp(within, side[0], side[1]) * (size / within))
-    return np.copysign(0.5 * np.where(torque_nm < 0.0, *expanded), torque_nm)
+    return np.asarray(np.copysign(0.5 * np.where(torque_nm < 0.0, *expanded), torque_nm))
 
 
 def rotation(

@@ -8,7 +8,6 @@ import typer
 
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.cli.terminal.console import answer, narrow_table, out, say
-from torquebench.operations.records import find_run
 
 __all__ = ["audit"]
 
@@ -48,6 +47,7 @@ def audit(
     the data directory, and audit.jsonl in each run's folder.
     """
     from torquebench.bench.audit.entries import AUDIT_FILE, AUDIT_FOLDER, read_audit
+    from torquebench.operations.records import find_run
     from torquebench.records import Registry
 
     folder = data_directory(data)

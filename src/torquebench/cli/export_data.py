@@ -12,7 +12,6 @@ from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output, data
 from torquebench.cli.terminal.console import answer, say, say_file
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.operations.records import find_run
 
 __all__ = ["export_data"]
 
@@ -51,6 +50,7 @@ def export_data(
     data: DataOption = DEFAULT_DATA,
 ) -> None:
     """Write a run's samples or edges as CSV, Parquet, HDF5, TDMS or MDF4, with units."""
+    from torquebench.operations.records import find_run
     from torquebench.records import Registry, RunFolder
     from torquebench.records.export.streams import export_streams
 

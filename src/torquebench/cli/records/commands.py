@@ -33,7 +33,6 @@ from torquebench.cli.recovered import tell_unfinished
 from torquebench.cli.terminal.console import answer, narrow_table, out, print_facts, say, warn
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
-from torquebench.operations.records import find_run
 
 if TYPE_CHECKING:
     from torquebench.records import ModelEntry, Registry, RunSummary, VerificationEntry
@@ -147,6 +146,7 @@ def show_record(
     data: DataOption = DEFAULT_DATA,
 ) -> None:
     """Show one record with its files checked against their hashes."""
+    from torquebench.operations.records import find_run
     from torquebench.records import Registry
 
     with Registry.open(data_directory(data)) as registry:
