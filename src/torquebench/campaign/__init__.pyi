@@ -39,7 +39,6 @@ from .measuring import (
     RunAbortedError as RunAbortedError,
     RunOptions as RunOptions,
     measure as measure,
-    operator_name as operator_name,
 )
 from .reducers.quantities import (
     ReducerTestQuantity as ReducerTestQuantity,

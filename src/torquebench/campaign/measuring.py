@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import getpass
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -19,6 +17,7 @@ from torquebench.procedures.standard_check import check_zero
 from torquebench.procedures.turning.profile import TurningProfile
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import Registry
+from torquebench.records.signatures import operator_name
 from torquebench.station import RunRecord, Station
 
 __all__ = [
@@ -28,7 +27,6 @@ __all__ = [
     "RunKind",
     "RunOptions",
     "measure",
-    "operator_name",
     "run_metadata",
     "standard_at_rest",
 ]
@@ -164,16 +162,6 @@ def run_metadata(
     if isinstance(profile, FrictionSettings):
         return {"side": side}
     return {"side": side, "profile_name": profile.name, "profile_sha256": profile.sha256}
-
-
-def operator_name() -> str:
-    """Return the person at this computer: by `$TORQUEBENCH_OPERATOR`, or the account."""
-    if named := os.environ.get("TORQUEBENCH_OPERATOR"):
-        return named
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):  # an account without a name
-        return ""
 
 
 def measure(

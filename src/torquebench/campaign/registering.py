@@ -23,7 +23,7 @@ from torquebench.calibration import (
     propose_due_date,
 )
 from torquebench.campaign.fitting import ModelChoice
-from torquebench.campaign.measuring import Measured, RunKind, operator_name
+from torquebench.campaign.measuring import Measured, RunKind
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
@@ -38,7 +38,7 @@ from torquebench.records import (
     RunFolder,
     sha256_of_file,
 )
-from torquebench.records.signatures import Signature, present_signature
+from torquebench.records.signatures import Signature, operator_name, present_signature
 from torquebench.station import RunRecord, enter_run
 
 __all__ = [

@@ -86,6 +86,45 @@ class _Commands(TyperGroup):
         return self.commands.get(name)
 
 
+class _Group(TyperGroup):
+    """A group of commands; an operation of it is imported when it is wanted."""
+
+    def _operations(self) -> dict[str, str]:
+        below = (each for each in OPERATIONS if each.startswith(f"{self.name} "))
+        return {each.rpartition(" ")[2]: each for each in below}
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of all commands."""
+        return list(dict.fromkeys([*super().list_commands(ctx), *self._operations()]))
+
+    def get_command(self, ctx: Any, name: str) -> Any:  # noqa: ARG002 - as the library calls it
+        """Return a command for lists of them, with its summary; whole if it was loaded."""
+        if name in self.commands or name not in self._operations():
+            return self.commands.get(name)
+        return TyperCommand(name, help=summary_of(self._operations()[name]))
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command that a command line names."""
+        self.load(args[0])
+        return super().resolve_command(ctx, args)
+
+    def load(self, name: str) -> None:
+        """Import an operation's command."""
+        if name not in self.commands and name in self._operations():
+            app = typer.Typer(add_completion=False, rich_markup_mode=HELP_MARKUP)
+            app.command(name)(_operation(self._operations()[name]))
+            self.commands[name] = typer.main.get_command(app)
+            leave_out_types_of_flags(self.commands[name])
+
+
+def _operation(name: str) -> Any:
+    """Return the command of an operation."""
+    from torquebench.cli.operations import operation_command
+
+    command = operation_command(OPERATIONS[name])
+    return _attribute(WRAPPED[name])(command) if name in WRAPPED else command
+
+
 def _added() -> list[str]:
     return [point.name for point in entry_points(ADDED)]
 
@@ -101,20 +140,14 @@ def _command(name: str, *, listed: bool = False) -> Any:
     found = _found(name)
     if isinstance(found, typer.Typer):
         app = found
+        app.info.cls = _Group
         add_output_options(app, f"{name} ")
     elif found is not None:
         app.command(name)(found)
         add_output_options(app)
-    below = [each for each in OPERATIONS if each.startswith(f"{name} ")]
-    if found is None and name in OPERATIONS:
-        below.append(name)
-    if below and not (listed and found is not None):
-        from torquebench.cli.operations import operation_command
-
-        for each in below:
-            command = operation_command(OPERATIONS[each])
-            command = _attribute(WRAPPED[each])(command) if each in WRAPPED else command
-            app.command(each.rpartition(" ")[2])(command)
+    below = [each for each in OPERATIONS if found is None and f"{each} ".startswith(f"{name} ")]
+    for each in below:
+        app.command(each.rpartition(" ")[2])(_operation(each))
     return typer.main.get_command(app) if found is not None or below else None
 
 
@@ -162,7 +195,10 @@ def whole_command() -> Any:
     """Return the root of all commands, each of them loaded; for their documentation."""
     root: Any = typer.main.get_command(app)
     for name in root.list_commands(None):
-        root.load(name)
+        group = root.load(name)
+        if isinstance(group, _Group):
+            for each in group.list_commands(None):
+                group.load(each)
     leave_out_types_of_flags(root)
     return root
 

@@ -277,12 +277,12 @@ def _rehearse(
     """Show the preview, of the plan that would run on the records that there are."""
     import dataclasses
 
-    from torquebench.campaign.measuring import operator_name
     from torquebench.cli.bench_session import rehearsing
     from torquebench.cli.options import has_registry
     from torquebench.cli.terminal.page import print_page
     from torquebench.operations import Place
     from torquebench.records import Registry
+    from torquebench.records.signatures import operator_name
 
     assert operation.preview is not None
     with contextlib.ExitStack() as opened:
@@ -324,8 +324,8 @@ def run_on_bench(session: BenchSession, operation: Operation, request: Request) 
     """Check, have confirmed, and run an operation on an open bench."""
     import dataclasses
 
-    from torquebench.campaign.measuring import operator_name
     from torquebench.operations import Place
+    from torquebench.records.signatures import operator_name
 
     station = session.station
     place = Place(operator_name(), PackagedLibrary(), station.registry, station)
@@ -357,23 +357,25 @@ def _confirm(place: Place, operation: Operation, request: Request) -> None:
 @contextlib.contextmanager
 def _records_place(operation: Operation, data: Path, by: str) -> Iterator[Place]:
     """Open what an operation without the bench needs."""
-    from torquebench.campaign.measuring import operator_name
     from torquebench.operations import Place
+    from torquebench.records.signatures import operator_name
 
     who = by.strip() or operator_name()
     if operation.where == "files":
         yield Place(who, PackagedLibrary())
         return
     from torquebench.records import Registry
-    from torquebench.station import recover_unfinished
-    from torquebench.station.bench_lock import BenchLock
 
     folder = data_directory(data)
     with contextlib.ExitStack() as opened:
-        if operation.exclusive:
+        if not operation.exclusive:
+            registry = opened.enter_context(Registry.open(folder))
+        else:
+            from torquebench.station import recover_unfinished
+            from torquebench.station.bench_lock import BenchLock
+
             opened.enter_context(BenchLock(None, folder))
-        registry = opened.enter_context(Registry.open(folder))
-        if operation.exclusive:
+            registry = opened.enter_context(Registry.open(folder))
             recover_unfinished(registry)
         yield Place(who, PackagedLibrary(), registry)
 

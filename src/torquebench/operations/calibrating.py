@@ -10,7 +10,6 @@ from pydantic import Field
 
 from torquebench import calibration, campaign, compensation, procedures, records
 from torquebench.bench.roles import Side
-from torquebench.campaign.measuring import standard_at_rest
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.operations.operation import (
@@ -772,6 +771,8 @@ def check_calibration(place: Place, request: CalibrateRequest) -> Iterable[str]:
 
 def preview_calibration(place: Place, request: CalibrateRequest) -> Preview:
     """Rehearse the very plan that would run; a mounted calibrator has to read zero at rest."""
+    from torquebench.campaign.measuring import standard_at_rest
+
     station, previews = place.station, []
     for side in chosen_sides(request.side):
         standard_at_rest(station, side, "calibrator")

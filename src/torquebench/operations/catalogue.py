@@ -139,10 +139,12 @@ def _of_files() -> Iterator[tuple[str, Operation]]:
 
 
 def summary_of(name: str) -> str:
-    """Return the first line about a packaged operation from its source, without importing it.
+    """Return the first line about an operation; of a packaged one without importing it.
 
     A list of commands needs no more, and would take half as long again with all libraries.
     """
+    if name not in _PACKAGED:
+        return OPERATIONS[name].summary
     module, _, attribute = _PACKAGED[name].partition(":")
     source = files("torquebench.operations").joinpath(f"{module}.py").read_text(encoding="utf-8")
     found = re.search(rf"^{attribute} = Operation\(\s*[^,]*,\s*(\w+),", source, re.MULTILINE)

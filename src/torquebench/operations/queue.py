@@ -8,7 +8,6 @@ from dataclasses import field as dataclass_field
 from pathlib import Path
 from typing import Annotated, Any
 
-from torquebench.campaign import RunAbortedError
 from torquebench.errors import InputError, TorquebenchError
 from torquebench.message import Message
 from torquebench.operations.catalogue import find_operation
@@ -155,6 +154,8 @@ def preview_queue(place: Place, request: RunRequest) -> Preview:
 
 def run_queue(place: Place, request: RunRequest, progress: Progress) -> QueueResult:
     """Have them done until one fails."""
+    from torquebench.campaign import RunAbortedError
+
     entries = _entries(request.queue)
     done: list[QueuedResult] = []
     results: list[Result] = []

@@ -45,7 +45,8 @@ def find_calibration(registry: records.Registry, name: str) -> records.Calibrati
         if not newest:
             raise InputError("no calibration is registered", "one", "run `torquebench calibrate`")
         return newest[0]
+    run = find_run(registry, name)
 
     from torquebench.reports.certificate import calibration_of
 
-    return calibration_of(registry, find_run(registry, name).run_id)
+    return calibration_of(registry, run.run_id)

@@ -6,23 +6,24 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
 from torquebench.atomic_write import private_folder
-from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import Side
-from torquebench.campaign.turning_runs import measure_turning, read_begun, rehearse_turning
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.operations.operation import WHOLE, Flag, Name, Operation, Request, field
 from torquebench.operations.place import Place
 from torquebench.operations.preview import Preview, plan_preview
 from torquebench.operations.result import Result
-from torquebench.procedures.turning.profile import TurningProfile
 from torquebench.progress import Progress
 from torquebench.units import MINUTE, TURN
+
+if TYPE_CHECKING:
+    from torquebench.bench.description import BenchDescription
+    from torquebench.procedures.turning.profile import TurningProfile
 
 __all__ = ["TURN_MODULE"]
 
@@ -82,6 +83,8 @@ def _profile(place: Place, request: TurnRequest) -> TurningProfile:
 
 def check_turn(place: Place, request: TurnRequest) -> Iterable[str]:
     """Refuse a profile that there isn't, and a table that can't be resumed."""
+    from torquebench.campaign.turning_runs import read_begun
+
     chosen = _profile(place, request)
     if request.resume:
         if request.out is None:
@@ -93,6 +96,8 @@ def check_turn(place: Place, request: TurnRequest) -> Iterable[str]:
 
 def preview_turn(place: Place, request: TurnRequest) -> Preview:
     """Rehearse the very plan that would run; waiting isn't part of its duration."""
+    from torquebench.campaign.turning_runs import rehearse_turning
+
     description, chosen = place.station.description, _profile(place, request)
     rehearsal = rehearse_turning(place.station, request.side, chosen)
     shown = plan_preview(turn_title(request), description, rehearsal)
@@ -157,6 +162,8 @@ def _steps(description: BenchDescription, side: Side, profile: TurningProfile) -
 
 def run_turn(place: Place, request: TurnRequest, progress: Progress) -> TurnedModule:
     """Turn and write the table after every complete series."""
+    from torquebench.campaign.turning_runs import measure_turning, read_begun
+
     station, chosen, target = place.station, _profile(place, request), request.out
     begun = None
     if target is None:

@@ -23,6 +23,7 @@ __all__ = [
     "SignatureKind",
     "authenticated",
     "how",
+    "operator_name",
     "present_signature",
     "system_user",
 ]
@@ -148,3 +149,13 @@ def present_signature(*, automatic: bool = False) -> Signature:
     """
     found = _present.get()
     return Signature.typed(automatic=automatic) if found is None else found
+
+
+def operator_name() -> str:
+    """Return the person at this computer: by `$TORQUEBENCH_OPERATOR`, or the account."""
+    if named := os.environ.get("TORQUEBENCH_OPERATOR"):
+        return named
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # an account without a name
+        return ""

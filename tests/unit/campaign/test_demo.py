@@ -9,11 +9,12 @@ from tests.watching import Watching
 from torquebench.calibration import RAW, load_profile
 from torquebench.campaign.calibrating import measure_calibration
 from torquebench.campaign.demo import DemoSettings, ModelChoice, run_demo
-from torquebench.campaign.measuring import RunAbortedError, operator_name
+from torquebench.campaign.measuring import RunAbortedError
 from torquebench.campaign.modules import dense_sweep
 from torquebench.campaign.results import DemoResult
 from torquebench.compensation import RECOMMENDED, load_model
 from torquebench.procedures import FrictionSettings
+from torquebench.records.signatures import operator_name
 from torquebench.station import Station
 
 COARSE = load_profile("rapid-in-situ").with_options(step_percent=25.0)

@@ -9,7 +9,7 @@ from typing import Any, Unpack
 
 from torquebench import __version__
 from torquebench.bench.roles import SIDES, Side
-from torquebench.campaign.measuring import RunAbortedError, RunOptions, operator_name
+from torquebench.campaign.measuring import RunAbortedError, RunOptions
 from torquebench.campaign.reducers.catalogue import TESTS, ReducerTest, chosen_tests
 from torquebench.campaign.reducers.preparation import preparations
 from torquebench.campaign.reducers.results import (
@@ -23,6 +23,7 @@ from torquebench.campaign.reducers.specimen import Specimen
 from torquebench.errors import ModelMismatchError, TorquebenchError
 from torquebench.message import Message
 from torquebench.procedures import Rehearsal, rehearse
+from torquebench.records.signatures import operator_name
 from torquebench.reducers import ReducerDescription
 from torquebench.station import Station
 from torquebench.units import RPM_PER_RAD_S

@@ -397,7 +397,7 @@ def drives(description: BenchDescription, data: Path) -> Iterator[Finding]:
     """
     from torquebench.bench.audit.entries import AUDIT_FOLDER, AuditLog
     from torquebench.bench.drivers.base import SIDES, torque_channel
-    from torquebench.campaign.measuring import operator_name
+    from torquebench.records.signatures import operator_name
 
     log = AuditLog(data / AUDIT_FOLDER, bench=description.name)
     log.bind(operator=operator_name())

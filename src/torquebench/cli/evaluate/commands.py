@@ -364,8 +364,8 @@ def _register(
     model: Path | None,
 ) -> None:
     from torquebench.campaign.external_calibration import register_table
-    from torquebench.campaign.measuring import operator_name
     from torquebench.records import Registry
+    from torquebench.records.signatures import operator_name
 
     with Registry.open(folder) as registry:
         entered = register_table(

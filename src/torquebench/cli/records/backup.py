@@ -97,10 +97,10 @@ def rebuild(data: DataOption = DEFAULT_DATA) -> None:
     models and certificates are entered again; information that only the registry contained is
     listed. Restore a backup instead if there is one.
     """
-    from torquebench.campaign.measuring import operator_name
     from torquebench.campaign.rebuilding import NOT_REBUILT
     from torquebench.campaign.rebuilding import rebuild as rebuild_registry
     from torquebench.cli.records.checks import checked_directory
+    from torquebench.records.signatures import operator_name
 
     with TerminalProgress() as progress:
         done = rebuild_registry(checked_directory(data), operator_name(), progress)

@@ -70,7 +70,7 @@ class _Attendance:
     """Turns keys into confirmations in a thread of its own; silent during a question."""
 
     def __init__(self, station: Station, progress: TerminalProgress, period_s: float) -> None:
-        from torquebench.campaign.measuring import operator_name
+        from torquebench.records.signatures import operator_name
 
         self._supervisor = station.supervisor
         self._progress = progress

@@ -45,7 +45,7 @@ def answering(prompts: PromptQueue, progress: TerminalProgress, *, yes: bool) ->
 
 
 def _ask_at_terminal(prompts: PromptQueue, prompt: Prompt, progress: TerminalProgress) -> None:
-    from torquebench.campaign.measuring import operator_name
+    from torquebench.records.signatures import operator_name
 
     progress.pause()
     answered = False
