@@ -25,7 +25,7 @@ from tests.support.faults.judging import Outcome
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.calibration import Profile, load_profile
 from torquebench.calibration import verify as judge
-from torquebench.campaign import finishing
+from torquebench.campaign import calibrating
 from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
 from torquebench.campaign.checking import check_module
 from torquebench.campaign.finishing import finish_run
@@ -63,8 +63,8 @@ PHASES: dict[str, tuple[Any, str, int]] = {
     "seal": (raw_stream, "seal_raw", 1),
     "sealed": (Registry, "finish_run", 1),
     "zeros": (entering, "_zeroings", 1),
-    "fit": (finishing, "fit_models", 1),
-    "model file": (finishing, "store_model", 1),
+    "fit": (calibrating, "fit_models", 1),
+    "model file": (calibrating, "store_model", 1),
     "register": (Registry, "add_calibration", 1),
     "register model": (Registry, "add_model", 1),
     "put into use": (Registry, "activate", 1),

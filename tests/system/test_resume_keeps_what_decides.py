@@ -17,7 +17,7 @@ from torquebench.records import Registry, RunFolder
 
 KILLED = """
 import os, signal, sys
-import torquebench.campaign.finishing as finishing
+import torquebench.campaign.calibrating as calibrating
 from torquebench.cli import app
 from torquebench.records.runs.folder import RunWriter
 
@@ -41,9 +41,9 @@ if stage == "seal":
 if stage == "sealed":
     RunWriter.seal = lambda *arguments, **options: (seal(*arguments, **options), die())
 if stage == "fit":
-    finishing.fit_models = die
+    calibrating.fit_models = die
 if stage == "register":
-    finishing.register_calibration = die
+    calibrating.register_calibration = die
 app(arguments)
 """
 STAGES = ["event 4", "fit"]

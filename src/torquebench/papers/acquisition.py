@@ -16,7 +16,7 @@ from torquebench.papers.items import Answer
 from torquebench.reports.errors_table import number
 from torquebench.reports.page import Block, Table
 from torquebench.signals import CounterMethod, EdgeBlock, FrequencyCounter
-from torquebench.units import TURN
+from torquebench.units import MS_PER_S, TURN
 
 __all__ = ["Streamed", "acquisition_blocks", "streamed"]
 
@@ -137,7 +137,7 @@ def acquisition_blocks() -> tuple[Answer, Blocks]:
     rows.append(["U (k = 2)", number(2.0 * sum_ppm), number(2e-4 * sum_ppm)])
     methods: tuple[CounterMethod, ...] = ("reciprocal", "regression")
     counted = [
-        [f"{method}, {1e3 * window_s:g} ms", *map(number, _counted_ppm(method, window_s))]
+        [f"{method}, {MS_PER_S * window_s:g} ms", *map(number, _counted_ppm(method, window_s))]
         for method, window_s in product(methods, (0.001, 0.01))
     ]
     answer = Answer(

@@ -29,7 +29,7 @@ from torquebench.reports.errors_table import number
 from torquebench.reports.page import Block, Figure, Table
 from torquebench.station import Station
 from torquebench.tables import read_calibration, read_empty_run
-from torquebench.units import TURN
+from torquebench.units import DEG_PER_RAD, MS_PER_S, TURN
 
 __all__ = [
     "CONDITIONS",
@@ -254,7 +254,7 @@ def changing_torque() -> tuple[float, float, list[Block]]:
         for place, values in enumerate((reading, compensated(reading))):
             ratio = _phasor(values, frequency) / _phasor(_windows(torque)[: values.size], frequency)
             amplitude = 100.0 * (abs(ratio) - 1.0)
-            cells += [number(amplitude), number(float(np.degrees(np.angle(ratio))))]
+            cells += [number(amplitude), number(DEG_PER_RAD * float(np.angle(ratio)))]
             if frequency <= transfer.resonance_hz:
                 worst[place] = max(worst[place], abs(amplitude))
         rows.append([f"sine, {frequency:g} Hz", *cells])
@@ -284,7 +284,7 @@ def changing_torque() -> tuple[float, float, list[Block]]:
             f"{number(2.0 * transfer.standard_uncertainty('resonance_hz'))} Hz, windows of 0.2 ms, "
             f"noise 0.01 %). It was identified from two steps; the inverse filter passes "
             f"{designed.bandwidth_hz:.0f} Hz (-3 dB) and its values come "
-            f"{1e3 * designed.delay_s:.1f} ms later, each with the time of its torque.",
+            f"{MS_PER_S * designed.delay_s:.1f} ms later, each with the time of its torque.",
         ),
         Figure(panels_figure([panel], height=2.2), "A step of torque that wasn't used to identify "
                "the chain."),

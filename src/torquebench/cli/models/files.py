@@ -14,7 +14,7 @@ from torquebench.cli.answers import BUDGETED_READING, EXPORTED_MODEL
 from torquebench.cli.models.commands import LimitsOption, chain_of
 from torquebench.cli.options import ReferenceOption, check_output, stated_reference
 from torquebench.cli.terminal.console import answer, narrow_table, out, say, warn
-from torquebench.units import HOURS_PER_DAY
+from torquebench.units import DEGREE, HOURS_PER_DAY
 
 if TYPE_CHECKING:
     from torquebench.uncertainty import Budget
@@ -166,7 +166,7 @@ def budget(
         "standard_error_nm": standard_error,
         "speed_rpm": speed,
         "acceleration_rad_s2": acceleration,
-        "angle_rad": None if angle is None else float(np.radians(angle)),
+        "angle_rad": None if angle is None else angle * DEGREE,
         "temperature_c": temperature,
     }
     known = readings_of_rows(
