@@ -252,6 +252,26 @@ def descend(
     """Return a network after epochs of batch gradient descent on the mean square error."""
     flat = network.flat
     hidden = network.input_weights.size
+    try:
+        from torquebench.compensation.compiled_descent import descend as compiled
+    except ModuleNotFoundError:  # no Numba
+        _descend(flat, x, target, weights, rate, epochs)
+    else:
+        parts = flat[:hidden], flat[hidden : 2 * hidden], flat[2 * hidden : -1]
+        flat[-1] = compiled(x, target, weights, *parts, flat[-1], rate, epochs)
+    return NetworkParameters.from_flat(flat)
+
+
+def _descend(
+    flat: FloatArray,
+    x: FloatArray,
+    target: FloatArray,
+    weights: FloatArray,
+    rate: float,
+    epochs: int,
+) -> None:
+    """Change a network's parameters as `compiled_descent.descend` does."""
+    hidden = (flat.size - 1) // 3
     first, second = flat[: 2 * hidden].reshape(2, hidden), flat[2 * hidden : -1]
     inputs = np.stack((x, np.ones_like(x)), axis=1)
     step = 2.0 * rate / x.size
@@ -271,7 +291,6 @@ def descend(
         by_output = np.dot(error, outputs)
         first -= step * second * slope
         second -= step * by_output
-    return NetworkParameters.from_flat(flat)
 
 
 def determined_parameters(

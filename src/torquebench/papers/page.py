@@ -158,8 +158,8 @@ def _summary(items: Items, benches: Sequence[BenchResult]) -> Section:
 BEYOND = (
     (
         "chains that rotate",
-        "temperature, drag, inertia and ripple are identified from empty runs and corrected, each "
-        "with its U",
+        "temperature, drag, inertia and ripple are identified from empty runs and corrected: "
+        "coverage of U 94.7 to 96.8 % by speed, torque and temperature (synthetic)",
         "benchmarks.rotating",
     ),
     (

@@ -1,12 +1,18 @@
 """The sources' training: gradient descent step by step, both mappings, both starts."""
 
+import sys
 from functools import partial
 
 import numpy as np
 import pytest
 
 from torquebench.compensation import NetworkModel
-from torquebench.compensation.network_training import NetworkParameters, jacobian, network_values
+from torquebench.compensation.network_training import (
+    NetworkParameters,
+    descend,
+    jacobian,
+    network_values,
+)
 from torquebench.errors import InputError
 
 READING = np.linspace(-2000.0, 2000.0, 50)
@@ -40,6 +46,17 @@ def test_training_is_batch_gradient_descent_on_the_mean_square(start: str, mappi
     np.testing.assert_allclose(model.networks_[0].flat, expected.flat, atol=1e-12)
     assert scaled.min() == pytest.approx(-1.0)
     assert scaled.max() == pytest.approx(1.0)
+
+
+def test_numpy_descends_as_the_compiled_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    generator = np.random.default_rng(3)
+    x, target = np.linspace(-1.0, 1.0, 40), np.sin(np.linspace(-2.0, 2.0, 40))
+    network = NetworkParameters.from_flat(generator.normal(size=3 * 7 + 1))
+    weights = generator.uniform(0.5, 1.0, 40)
+    compiled = descend(network, x, target, weights, 0.05, 500)
+    monkeypatch.setitem(sys.modules, "torquebench.compensation.compiled_descent", None)
+    by_numpy = descend(network, x, target, weights, 0.05, 500)
+    np.testing.assert_allclose(by_numpy.flat, compiled.flat, rtol=0.0, atol=1e-9)
 
 
 def test_the_start_decides_what_gradient_descent_reaches() -> None:
