@@ -18,14 +18,14 @@ expected-statuses = [
     "400", "401", "403", "404", "405", "406", "409", "413", "415", "422", "428", "429", "5xx"]
 # No schema can say: passwords of few characters, endless staircases, parameters of a network that
 # isn't asked for, text that is no table, streams that a run doesn't have, reducers without
-# certified friction, years before 1900.
+# certified friction, years before 1900, names of operations, an empty queue.
 [[operations]]
 include-name-regex = "POST /operations/.*"
 checks.positive_data_acceptance.expected-statuses = [
     "2xx", "401", "403", "404", "409", "422", "429", "503"]
 [[operations]]
 include-name = ["POST /users", "PATCH /users/{name}", "GET /runs", "GET /runs/{run_id}/data",
-                "POST /tables", "POST /tables/preview"]
+                "POST /tables", "POST /tables/preview", "POST /queue", "POST /queue/start"]
 checks.positive_data_acceptance.expected-statuses = [
     "2xx", "401", "403", "404", "409", "422", "429", "503"]
 [[operations]]

@@ -115,13 +115,13 @@ def add_to_queue(service: Service, caller: Caller, body: QueuedRequest) -> Queue
     return service.queue.add(caller, body.name, body.request)
 
 
-@router.delete("/queue/{number}", status_code=204)
+@router.delete("/queue/{number:int}", status_code=204)
 def remove_from_queue(service: Service, caller: Caller, number: Number) -> None:
     """Take a waiting operation out of the queue."""
     service.queue.remove(caller, number)
 
 
-@router.post("/queue/{number}/move", status_code=204)
+@router.post("/queue/{number:int}/move", status_code=204)
 def move_in_queue(service: Service, caller: Caller, number: Number, body: QueuePlaceBody) -> None:
     """Move a waiting operation to another place among those that wait."""
     service.queue.move(caller, number, body.place)
