@@ -26,7 +26,7 @@ class QueuedRequest(Request):
     """An operation and the fields of its request."""
 
     name: Annotated[str, field("Name of the operation.", max_length=100)]
-    request: Annotated[dict[str, Any], field("Fields of its request.")] = {}  # noqa: RUF012
+    request: Annotated[dict[str, Any], field("Fields of its request.")] = {}  # noqa: RUF012 - pydantic copies it
 
 
 class QueueFile(Request):

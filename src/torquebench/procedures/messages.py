@@ -41,7 +41,7 @@ sleep: Stub = unwrap(bps.sleep)
 """Sleep in bench time, s."""
 
 
-class _LegPaused(Exception):  # noqa: N818
+class _LegPaused(Exception):  # noqa: N818 - no error: a pause
     """A pause has interrupted a leg."""
 
 

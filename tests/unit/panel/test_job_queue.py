@@ -119,7 +119,7 @@ def test_who_does_not_command_starts_nothing(service: BenchService) -> None:
         ("run", {"queue": "q.toml"}, InputError),
         ("nothing", {}, InputError),
         ("check", {"side": "middle"}, InputError),
-        ("turn", {"side": "input", "out": "/tmp/x.csv"}, InputError),
+        ("turn", {"side": "input", "out": "x.csv"}, InputError),
         ("records use", {"model": 1}, PermissionDeniedError),
     ],
 )
