@@ -94,7 +94,14 @@ class OpcUaServer(Link[Any]):
         """Close the socket, which a failed session leaves open, and end the client's thread."""
 
         async def closed() -> None:
+            protocol = client.aio_obj.uaclient.protocol
+            unfinished = asyncio.all_tasks() - {asyncio.current_task()}
+            for task in unfinished:  # a connecting or closing session would go on
+                task.cancel()
+            await asyncio.gather(*unfinished, return_exceptions=True)
             client.aio_obj.disconnect_socket()
+            if protocol is not None and protocol.transport is not None:
+                protocol.transport.abort()  # without waiting for what can't be sent any more
             await asyncio.sleep(0.0)  # the loop closes it on its next turn
 
         hanging_up = closed()
