@@ -43,7 +43,8 @@ QUIET_SAMPLES = 6
 CREEP_WINDOWS = 40
 """Parts of a ramp in which its speed is checked."""
 ACCELERATION_OF_CREEP = 1.5
-"""Largest growth of creep's acceleration from one fifth of a ramp to the next (motion: 2)."""
+"""Largest growth of the acceleration from one fifth of a ramp to the next in creep; a turning
+inertia doubles it."""
 SIGNIFICANT = 5.0
 """Deviation that is treated as motion, in standard deviations of the noise."""
 POWERS = (2.0, 3.0)
@@ -82,11 +83,11 @@ def first_motion(
     """Find the change point at which an angle departs from its line at rest.
 
     At rest the angle follows a slow line (elastic wind-up, drift) with noise; with a threshold, a
-    parabola: contacts creep faster as a uniform ramp proceeds. Motion begins where the angle
-    departs from that permanently, by five standard deviations of the noise or the threshold if
-    larger. The moment itself is where a motion by the square or the cube of time begins, weighted
-    by how well each fits; beyond a threshold, that of the cube by which a uniformly rising torque
-    turns an inertia.
+    parabola: contacts creep faster as a uniform ramp proceeds. The angle moves where it departs
+    from that curve permanently, by more than five standard deviations of the noise and more than
+    the threshold. The start of the motion comes from fits of the square and the cube of time,
+    weighted by how well each fits; with a threshold, from the cube alone, by which a uniformly
+    rising torque turns an inertia.
 
     Parameters
     ----------
@@ -113,7 +114,7 @@ def first_motion(
         raise InputError("times that go back", "times that rise within a run", "sort the run")
     if threshold_rad > 0.0:
         farthest = int(np.argmax(np.abs(angle - angle[0])))
-        if farthest > time.size // 2:  # it may swing back after its motion
+        if farthest > time.size // 2:  # the angle may swing back after the motion
             time, angle = time[: farthest + 1], angle[: farthest + 1]
     crossing, line, noise, level = _crossing(time, angle, threshold_rad)
     if threshold_rad > 0.0 and time.size >= 4 * CREEP_WINDOWS:
@@ -149,9 +150,9 @@ def first_motion(
 
 
 def _crossing(time: Floats, angle: Floats, threshold: float) -> tuple[int, Floats, float, float]:
-    """Return the first sample permanently beyond the line at rest, that line, noise and limit.
+    """Return the first sample permanently off the line at rest, the line, the noise and the limit.
 
-    Without motion, the first sample is one after the last. The part at rest grows from the start as
+    Without motion, the index is one past the last sample. The part at rest grows from the start as
     long as the next samples follow its line.
     """
     quiet = max(QUIET_SAMPLES, angle.size // 20)
@@ -179,10 +180,10 @@ def _creeping(
 ) -> tuple[int, Floats, float] | None:
     """Return the result of `_crossing` for an angle with creep before motion; else None.
 
-    Under a uniform ramp the creep's speed grows with time, so that its path is a parabola. It ends
-    where the angle permanently exceeds it by half. The very beginning, where elastic parts wind up,
-    isn't checked. `moves` states that the angle permanently leaves a straight line: an inertia may
-    already be turning then.
+    Under a uniform ramp the creep's speed grows with time, so that its path is a parabola. Creep
+    ends where the angle permanently exceeds the parabola by half of it. The first samples, in which
+    elastic parts wind up, aren't checked. `moves` states that the angle permanently leaves a
+    straight line: an inertia may already be turning then.
     """
     edges = np.linspace(0, angle.size - 1, CREEP_WINDOWS + 1).astype(np.int64)
     speed = np.diff(angle[edges]) / np.maximum(np.diff(time[edges]), 1e-12)
@@ -218,7 +219,7 @@ def _creeping(
 def _cube_start(
     time: Floats, moved: Floats, crossing: int, threshold: float
 ) -> tuple[float, float]:
-    """Go back from the threshold to the start; return it and its standard uncertainty.
+    """Return the start of a motion and its standard uncertainty, by a line of the cube root.
 
     A torque that rises uniformly above the resisting torque turns an inertia by the cube of time,
     so that the cube root is a line. Drag makes the motion slower; friction that falls after the
@@ -242,10 +243,10 @@ def _cube_start(
 def _power_start(
     time: Floats, angle: Floats, crossing: int, level: float, sigma: float
 ) -> tuple[float, float]:
-    """Return the mean and the spread of the starts of a motion by a power of time, by their fits.
+    """Return the mean start of a motion and its spread, from fits of the square and cube of time.
 
-    Before the start the angle follows a line. The motion is looked at up to a dozen times the
-    level at which it was noticed.
+    Before the start the angle follows a line. The fits use the motion up to twelve times the level
+    at which it was detected.
     """
     far = np.flatnonzero(angle[crossing:] - angle[crossing] > 12.0 * level)
     stop = min(crossing + (int(far[0]) if far.size else angle.size) + 1, angle.size)
@@ -287,7 +288,7 @@ SATURATED_SHARE = 0.2
 LEAST_LINE = 6
 """Samples of a line through the torque before the motion."""
 CHANGED = 25.0
-"""Gain in the sum of squares, in variances, from which on the torque shows the motion itself."""
+"""Gain in the sum of squares, in variances, from which on a bend of the torque shows the motion."""
 
 
 @dataclass(frozen=True)
@@ -494,7 +495,7 @@ def _run_of(
     stairs = _staircase(time, torque, motion)
     if stairs is not None:
         level, held = stairs
-        # What holds lies anywhere between the level before and that of the slip.
+        # The break-away torque lies anywhere between the last torque held and that of the slip.
         step = abs(level - held) / 3.0**0.5
         run = BreakawayRun(label, position, level, step, motion.time_s, motion.noise_rad, held)
         return run, False
@@ -507,7 +508,7 @@ def _run_of(
 
 
 def _staircase(time: Floats, torque: Floats, motion: FirstMotion) -> tuple[float, float] | None:
-    """Return the levels of torque at which the motion began and before; None of a ramp."""
+    """Return the torque levels of the slip and before it; None if the torque has no levels."""
     reached = torque[: motion.crossing + 1]
     levels = levels_of(reached, 3)
     if not levels:
@@ -519,7 +520,7 @@ def _staircase(time: Floats, torque: Floats, motion: FirstMotion) -> tuple[float
     if len(heights) < 2:
         return None
     top, step = max(heights), float(np.median(np.abs(np.diff(heights))))
-    # It may have slipped, and the torque fallen, before the last level was one.
+    # The shaft may have slipped, and the torque fallen, before the last level was complete.
     beyond = sign * reached[levels[int(np.argmax(heights))].stop : stop]
     beyond = beyond[beyond > top + 0.5 * step]
     if beyond.size:
@@ -531,14 +532,14 @@ def _staircase(time: Floats, torque: Floats, motion: FirstMotion) -> tuple[float
 def _torque_at(time: Floats, torque: Floats, motion: FirstMotion) -> tuple[float, float]:
     """Return the torque at the slip and its standard uncertainty.
 
-    Where the torque falls or bends at the slip, that moment is sharper than the angle's.
+    A fall or a bend of the torque shows the slip more sharply than the angle does.
     """
     spread = motion.standard_uncertainty_s
     first = int(np.searchsorted(time, motion.time_s - 4.0 * spread)) - 2
     first = max(first, min(LEAST_LINE, motion.index))
     stop = min(motion.crossing + max(3, motion.crossing - motion.index) + 1, time.size)
     # The elastic parts relax as the torque falls, which hides the motion at first: a fall of the
-    # torque counts earlier, too.
+    # torque may therefore precede the visible motion.
     earliest = max(LEAST_LINE, min(first, 3 * motion.index // 4))
     for begin_at, falls in ((earliest, True), (first, False)):
         begin = _line_begin(time, torque, begin_at)
@@ -552,7 +553,7 @@ def _torque_at(time: Floats, torque: Floats, motion: FirstMotion) -> tuple[float
 
 
 def _change(t: Floats, load: Floats, first: int, *, falls: bool) -> tuple[float, float] | None:
-    """Return the load where its line over time bends, with its standard uncertainty, if it does."""
+    """Return the torque at a bend over time, and its standard uncertainty; None without a bend."""
     breaks = np.arange(max(first, LEAST_LINE - 1), t.size - 3)
     if not breaks.size:
         return None
@@ -577,7 +578,7 @@ def _change(t: Floats, load: Floats, first: int, *, falls: bool) -> tuple[float,
 
 
 def _line_begin(time: Floats, torque: Floats, end: int) -> int:
-    """Return where a line through the torque before a sample begins: half, as long as it fits."""
+    """Return the first sample of the longest line through the torque that fits up to a sample."""
     begin = end // 2
     while end - begin >= 4 * LEAST_LINE:
         half = begin + (end - begin) // 2
@@ -590,7 +591,7 @@ def _line_begin(time: Floats, torque: Floats, end: int) -> int:
 
 
 def _squares(t: Floats, values: Floats) -> float:
-    """Return the sum of squares about a line."""
+    """Return the sum of squares about a fitted line."""
     if t.size < 3:
         return 0.0
     t, values = t - t.mean(), values - values.mean()
@@ -599,7 +600,7 @@ def _squares(t: Floats, values: Floats) -> float:
 
 
 def _line_at(span: Floats, torque: Floats) -> tuple[float, float, float]:
-    """Return a line's value at 0, its standard error, and its slope."""
+    """Return a fitted line's value at 0, its standard error, and its slope."""
     if span.size < 3 or np.ptp(span) == 0.0:
         return float(torque.mean()), 0.0, 0.0
     rate, level = np.polyfit(span, torque, 1)
@@ -683,13 +684,13 @@ def _median(runs: Sequence[BreakawayRun], known: TorqueUncertainty) -> Budget:
         parts.append(BudgetLine("spread over runs", error, values.size - 1))
     else:
         parts.append(BudgetLine("chain repeatability", known.repeatability_nm))
-    # One rule detects the motion in all runs: its error doesn't average out.
+    # All runs share one rule for the motion, so its error doesn't average out.
     parts.append(BudgetLine("first motion", own, shared=Shared.LOADING))
     return budget(middle, "N·m", parts)
 
 
 def _mean_of_both(first: Budget, second: Budget) -> Budget:
-    """Mean of both directions: zero cancels, scale and timing errors remain, the rest averages."""
+    """Return the mean of both directions: zero errors cancel, scale and timing errors remain."""
     parts = common_of_both(first, second)
     for name, side in (("clockwise", first), ("counter-clockwise", second)):
         parts += [

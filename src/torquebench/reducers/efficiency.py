@@ -44,9 +44,10 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Side = Literal["input", "output"]
 SAME_POINT, SAME_VALUE = 0.01, 0.05
-"""Share of the largest torque or speed, and of its own, within which points are repeats."""
+"""Largest difference of repeated points, as a share of the largest torque or speed and of their
+own."""
 AT_REST = 0.01
-"""Share of the largest speed below which the shaft of a log is at rest."""
+"""Share of the largest speed below which a log's shaft is at rest."""
 
 
 # -- points -----------------------------------------------------------------------------------
@@ -193,7 +194,7 @@ class EfficiencyMap:
         share = ideal / between if driving == "input" else between / ideal
         if not all(np.isfinite(each.efficiency.standard_uncertainty) for each in mine):
             return Budget(100.0 * share, inf, inf, (), "%")
-        # Relative contributions of the input torques are those of the share.
+        # An interpolated input torque and the efficiency have the same relative contributions.
         pull = weight * drive / between
         parts: list[BudgetLine] = []
         for name in sorted({line.name for each in mine for line in each.efficiency.lines}):
@@ -236,7 +237,7 @@ SLACK = 0.01
 
 
 def _weights(speed: Floats, torque: Floats, at_speed: Floats, at_torque: Floats) -> Floats:
-    """Return weights that interpolate linearly, shape (places, points); rows of NaN outside.
+    """Return linear interpolation weights, shape (targets, points); NaN outside the points.
 
     Examples
     --------
@@ -471,11 +472,12 @@ class _Steady:
         )
 
     def without_outliers(self) -> _Steady:
-        """Leave out points far from their repeats, or from a plane of losses through all."""
+        """Leave out points far from their repeats, or whose loss is far from a plane of losses."""
         used = np.isfinite(self.share)
         bad = np.zeros(used.size, dtype=np.bool_)
         loss = np.abs(self.samples["input_nm"]) - np.abs(self.samples["output_nm"] / self.ratio)
-        # Scatter may grow with the torque or not: an outlier of the share must be one of the loss.
+        # Scatter may be in proportion to the torque or not: an outlier has to stand out in both the
+        # share and the loss.
         for measure in (self.share, loss):
             bad[used] = repeat_outliers(measure[used], self.group[used]) & (
                 bad[used] | (measure is self.share)
@@ -489,7 +491,7 @@ class _Steady:
         return replace(self.where(~bad), samples=samples)
 
     def _off_plane(self, rows: Mask) -> Mask:
-        """Find losses far from a plane over torque and speed, fitted to most of them."""
+        """Find losses far from a plane over torque and speed that is fitted robustly."""
         ideal = np.abs(self.samples["output_nm"][rows] / self.ratio)
         speed = np.abs(self.samples["speed_rpm"][rows])
         loss = np.abs(self.samples["input_nm"][rows]) - ideal
@@ -540,7 +542,7 @@ class _Steady:
         )
 
     def _scatter(self, members: Sequence[NDArray[np.intp]]) -> tuple[float, int] | None:
-        """Return the relative standard deviation of repeats, with its degrees of freedom."""
+        """Return the pooled relative standard deviation of repeats, with its degrees of freedom."""
         freedom = sum(rows.size - 1 for rows in members)
         if not freedom:
             return None
@@ -616,13 +618,13 @@ class _Steady:
 
 
 LEAST_PLANE = 12
-"""Points from which on their losses are compared with a plane."""
+"""Fewest points whose losses are compared with a plane."""
 
 
 def _steps(
     values: Floats, demanded: Floats | None, *, sized: bool
 ) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the set point of each row and its number: the demanded one, or a mean of near ones."""
+    """Return each row's set point and its number: the demanded value, or a mean of close values."""
     if demanded is not None:
         names = np.abs(demanded) if sized else demanded
         return names, np.unique(names, return_inverse=True)[1].ravel().astype(np.int64)
@@ -633,14 +635,14 @@ def _steps(
 
 
 def _names(points: Sequence[tuple[float, float]]) -> list[str]:
-    """Name points by torque and speed, with as many decimals as keep different ones apart."""
+    """Name points by torque and speed, with just enough decimals to tell them apart."""
     torques = [text.removeprefix("+") for text in distinct_texts([torque for torque, _ in points])]
     speeds = distinct_texts([speed for _, speed in points])
     return [f"{torque}_nm_{speed}_rpm" for torque, speed in zip(torques, speeds, strict=True)]
 
 
 def _both_directions(points: tuple[EfficiencyPoint, ...]) -> tuple[EfficiencyPoint, ...]:
-    """Return the mean of both directions at each torque and speed that both were driven at."""
+    """Return the mean of both directions at each torque and speed that was driven in both."""
     means = []
     fastest = max((abs(each.nominal_speed_rpm) for each in points), default=0.0)
     largest = max((each.nominal_torque_nm for each in points), default=0.0)

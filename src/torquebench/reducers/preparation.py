@@ -1,7 +1,7 @@
-"""What every evaluation does with a recording first: outliers, steps, turns, levels, groups.
+"""First steps of every evaluation: outliers, counts, reversals, levels and groups of a recording.
 
-Each rule stands here once. Thresholds are multiples of what the recording itself shows (its noise,
-its steps, its slope), so that they hold for any bench.
+Thresholds are multiples of the recording's own noise, counts or slope, so that they hold for any
+bench.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ Mask = NDArray[np.bool_]
 OUTLYING = 10.0
 """Distance of an outlier from its neighbours, in medians of that of all samples."""
 STEEP = 5.0
-"""The same in changes from neighbour to neighbour beside it."""
+"""Distance of an outlier from its neighbours, in changes from neighbour to neighbour beside it."""
 MOST_OUTLIERS, LEAST_OUTLIERS = 0.01, 3
-"""Share and number of samples up to which they count as outliers; more belong to the recording."""
+"""Largest share and number of samples that count as outliers; more belong to the recording."""
 MOST_LOST = 0.05
-"""Share of a recording that may lack numbers."""
+"""Largest share of a recording's rows that may lack a number."""
 TURN_SHARE = 0.25
 """A signal turns where it returns by this share of its range."""
 
@@ -97,9 +97,9 @@ def labels(values: ArrayLike | None, size: int, default: float, name: str) -> Fl
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Columns of a recording with their rows in the file, less samples that aren't its own.
+    """Columns of a recording and their rows in the file, without missing values and outliers.
 
-    `keep` leaves outliers in. Remarks about what was left out are in `findings`.
+    `keep` leaves outliers in. `findings` name the samples that were left out.
     """
 
     columns: Mapping[str, Floats]
@@ -116,7 +116,7 @@ class Samples:
         keep: bool = False,
         **columns: ArrayLike | None,
     ) -> Samples:
-        """Take the columns that there are, without rows that lack a number."""
+        """Return the columns that aren't None, without rows that lack a number."""
         rows = _equal_columns({name: each for name, each in columns.items() if each is not None})
         _check_size(rows, least)
         size = next(iter(rows.values())).size
@@ -141,26 +141,26 @@ class Samples:
         return self.columns[name]
 
     def get(self, name: str, default: float) -> Floats:
-        """Return a column, or the same number for all samples."""
+        """Return a column, or an array of the default if there is none."""
         return self.columns.get(name, np.full(self.row.size, default))
 
     def where(self, rows: Mask | Indices) -> Samples:
-        """Return some of the samples."""
+        """Return the selected samples."""
         columns = {name: each[rows] for name, each in self.columns.items()}
         return replace(self, columns=columns, row=self.row[rows])
 
     def having(self, **columns: Floats) -> Samples:
-        """Return the samples with further or other columns."""
+        """Return the samples with added or replaced columns."""
         return replace(self, columns={**self.columns, **columns})
 
     def with_finding(self, *findings: Finding) -> Samples:
-        """Return the same samples with further remarks."""
+        """Return the same samples with further findings."""
         return replace(self, findings=(*self.findings, *findings))
 
     def screened(self, group: Floats | None = None, **series: Floats) -> Samples:
-        """Leave out samples far from their neighbours in a series, group by group, and name them.
+        """Leave out samples far from their neighbours in a series, group by group, and report them.
 
-        The series have the order of measurement and are named as messages name them.
+        The series are in the order of measurement; messages use their names.
         """
         found: dict[str, Mask] = {}
         size = self.row.size
@@ -175,7 +175,7 @@ class Samples:
         return self.less({name: bad for name, bad in found.items() if bad.any()})
 
     def less(self, found: Mapping[str, Mask]) -> Samples:
-        """Leave out outliers, by the name of what shows them."""
+        """Leave out the outliers (by series), or report them only."""
         bad = np.zeros(self.row.size, dtype=np.bool_)
         for mask in found.values():
             bad |= mask
@@ -231,7 +231,7 @@ def noise_of(values: Floats) -> float:
 
 
 def moving_mean(values: Floats, width: int) -> Floats:
-    """Return means over so many samples around each; the ends continue as they are."""
+    """Return means over `width` samples around each; the end values continue beyond the ends."""
     padded = np.pad(values, (width // 2, width - 1 - width // 2), mode="edge")
     return np.convolve(padded, np.full(width, 1.0 / width), mode="valid")
 
@@ -239,9 +239,9 @@ def moving_mean(values: Floats, width: int) -> Floats:
 def outliers(values: Floats, step: float | None = None) -> Mask:
     """Find single samples far outside their neighbours, in the order of measurement.
 
-    Of three neighbours on each side the outermost doesn't count, so that two outliers don't hide
-    each other. A jump, a turn and a ripple aren't outside their neighbours by more than the change
-    beside them, or than some of their steps (the visible one by default).
+    The highest and the lowest of the six neighbours don't count, so that two outliers don't hide
+    each other. The limit grows with the changes beside a sample and with the count `step` (the
+    visible one by default), so that jumps, reversals and ripple aren't outliers.
 
     Examples
     --------
@@ -253,7 +253,7 @@ def outliers(values: Floats, step: float | None = None) -> Mask:
         return np.zeros(values.size, dtype=np.bool_)
     padded = np.pad(values, 3, constant_values=np.nan)
     beside = np.stack([padded[3 + k : 3 + k + values.size] for k in (-3, -2, -1, 1, 2, 3)])
-    ordered = np.sort(beside, axis=0)  # NaN beyond the ends comes last
+    ordered = np.sort(beside, axis=0)  # NaN beyond the ends is sorted last
     count = np.count_nonzero(np.isfinite(beside), axis=0)
     low = ordered[1]
     high = np.take_along_axis(ordered, (count - 2)[None, :], axis=0)[0]
@@ -267,7 +267,7 @@ def outliers(values: Floats, step: float | None = None) -> Mask:
         steps = np.sort(np.abs(np.diff(beside, axis=0)[[0, 1, 3, 4]]), axis=0)
     change = np.where(np.isfinite(steps[2]), steps[2], steps[1])
     limit = np.maximum(OUTLYING * usual, STEEP * change)
-    limit = np.where(count < len(beside), 2.0 * limit, limit)  # fewer neighbours, on one side
+    limit = np.where(count < len(beside), 2.0 * limit, limit)  # fewer near the ends
     limit = limit + 1e-9 * np.ptp(values)
     if step is None:  # an outlier needn't be a multiple of the step
         step = step_of(values[beyond <= limit])
@@ -275,7 +275,7 @@ def outliers(values: Floats, step: float | None = None) -> Mask:
 
 
 def step_of(values: Floats) -> float:
-    """Return the step that all values are multiples of apart; 0 if none is visible.
+    """Return the step of which all differences of the values are multiples; 0 if none.
 
     Examples
     --------
@@ -309,7 +309,7 @@ REGULAR = 0.95
 def count_step(values: Floats) -> float:
     """Return the step of a signal's counts, from samples in the order of measurement.
 
-    Steps that are all alike are those of even sampling, not of counts.
+    Steps that are all equal come from even sampling, not from counts.
 
     Examples
     --------
@@ -342,7 +342,7 @@ def decimal_step(values: Floats) -> float:
 
 
 def turning_points(values: Floats) -> Indices:
-    """Return the samples at which a signal turns, the first and the last sample included.
+    """Return the samples at which a signal reverses, with the first and the last sample.
 
     Examples
     --------
@@ -371,15 +371,15 @@ def turning_points(values: Floats) -> Indices:
 
 LEAST_LEVELS = 6
 LEAST_STAYING = 3
-"""Samples in a row from which on a signal stands."""
+"""Fewest samples in a row at which a signal is constant."""
 STAYING = 0.6
-"""Share of the samples that stand in a recording by levels."""
+"""Smallest share of constant samples in a stepped recording."""
 MOVING = 0.3
-"""Largest change within the levels, as a share of that from level to level."""
+"""Largest change within the levels, as a share of the change from level to level."""
 
 
 def levels_of(values: Floats, least: int = LEAST_LEVELS) -> list[slice]:
-    """Return the levels at which a signal stands, in their order; none unless it goes by levels.
+    """Return the levels at which a signal is constant, in order; none unless the signal is stepped.
 
     Examples
     --------
@@ -414,10 +414,10 @@ def _drift(values: Floats) -> float:
 
 
 def grouped(values: Floats, tolerance: ArrayLike) -> NDArray[np.int64]:
-    """Return the number of each value's group, from the lowest, of values within a tolerance.
+    """Return the number of each value's group of values within a tolerance, from the lowest.
 
-    A group spans no more than the tolerance of its members and has one sign. Chains of near values
-    are cut at their widest gaps.
+    The values of a group have one sign and a range within their tolerance. Longer chains of close
+    values are cut at their widest gaps.
 
     Examples
     --------
@@ -460,7 +460,7 @@ def repeat_outliers(values: Floats, group: NDArray[np.int64]) -> Mask:
     usual = apart[apart > 0.0]
     if not usual.size:
         return np.zeros(values.size, dtype=np.bool_)
-    # The median of a few is uncertain itself.
+    # The median of a few values is uncertain itself.
     factor = OUTLYING * (1.0 + 12.0 / usual.size)
     limit = factor * float(np.median(usual)) + 3.0 * decimal_step(values)
     return np.asarray(apart > limit)
@@ -471,7 +471,7 @@ SMALL_CHANGE = 0.05
 
 
 def is_ramp(values: Floats, group: NDArray[np.int64]) -> bool:
-    """Return whether values in the order of measurement change steadily instead of by points."""
+    """Return whether a series of values changes steadily instead of in steps."""
     if values.size < LEAST_RAMP or np.unique(group).size < values.size / 3.0:
         return False
     small = np.abs(np.diff(values)) < SMALL_CHANGE * float(np.ptp(values))
@@ -486,7 +486,7 @@ STEADY = 0.005
 
 
 def steady_windows(channels: Sequence[Floats]) -> list[slice]:
-    """Return the windows of a log in which all set quantities stand.
+    """Return the windows of a log in which all set quantities are constant.
 
     A log has many samples at each set point: short windows don't count.
 
@@ -529,13 +529,13 @@ def steady_windows(channels: Sequence[Floats]) -> list[slice]:
 
 
 SET = frozenset({"demanded_rpm", "demanded_nm", "repeat", "branch", "series", "index", "known"})
-"""Columns that stand within a window."""
+"""Columns that are constant within a window."""
 BLOCKS = 8
-"""Parts of a window whose means show how well its mean is known."""
+"""Parts of a window whose means give the standard uncertainty of the window's mean."""
 
 
 def windows_of(samples: Samples, steady: Sequence[str], measured: Sequence[str]) -> Samples:
-    """Average a log over the windows in which its set quantities stand; a table stays as it is.
+    """Average a log over the windows of constant set quantities; return a table unchanged.
 
     Columns ``own_…`` are the standard uncertainties of the measured quantities' means, from means
     of parts of each window: samples that follow each other have much of their noise in common.
@@ -581,7 +581,7 @@ def windows_of(samples: Samples, steady: Sequence[str], measured: Sequence[str])
 
 
 def _outliers_in(values: Floats, windows: Sequence[slice]) -> Mask:
-    """Find outliers in a log: between its windows, where much changes, only the largest."""
+    """Find outliers in a log, within each window and over all of it."""
     found = np.zeros(values.size, dtype=np.bool_)
     used = slice(windows[0].start, windows[-1].stop)
     found[used] = outliers(values[used])

@@ -27,7 +27,7 @@ LARGEST_TEMPERATURE_RANGE_K = 2.0
 
 @dataclass(frozen=True)
 class Finding:
-    """Something about the data that a reader of the result has to know.
+    """A remark about the data that a reader of the result has to know.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        """Finding and remedy, without the name."""
+        """Finding and remedy in one sentence, without the name."""
         return f"{self.message}; {self.remedy}"
 
     def __str__(self) -> str:
@@ -57,7 +57,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class ResultQuantity:
-    """One value of a result under a name, the same shape for all tests: for tables and reports.
+    """One value of a result with its name, in the same form for all tests, for tables and reports.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class ReducerResult(Protocol):
 
 
 def distinct_texts(values: Sequence[float]) -> list[str]:
-    """Write numbers with their signs by as few decimals as keep different ones apart, for keys.
+    """Write numbers with signs and just enough decimals to tell them apart, for keys.
 
     Examples
     --------
@@ -127,7 +127,7 @@ def distinct_texts(values: Sequence[float]) -> list[str]:
 
 
 NOTHING = 1e-12
-"""Standard uncertainty, as a share of the value, that only rounding shows."""
+"""Relative standard uncertainty that rounding alone may show."""
 
 
 def budget(value: float, unit: str, lines: Iterable[BudgetLine]) -> Budget:
@@ -147,7 +147,7 @@ def budget(value: float, unit: str, lines: Iterable[BudgetLine]) -> Budget:
 
 
 def common_of_both(first: Budget, second: Budget) -> list[BudgetLine]:
-    """Return what two values share, as contributions to their mean.
+    """Return the contributions to the mean of two values by the errors that both share.
 
     Errors of one source add with their signs: of equal sizes and opposite signs they cancel.
 
@@ -167,7 +167,7 @@ def common_of_both(first: Budget, second: Budget) -> list[BudgetLine]:
 
 
 def together(weighted: Sequence[tuple[float, BudgetLine]]) -> BudgetLine:
-    """Return the contribution of one source to a weighted sum of results that share its error."""
+    """Return the contribution of one error source to a weighted sum of results that share it."""
     signed = sum(weight * line.sensitivity * line.contribution for weight, line in weighted)
     freedom = min(line.degrees_of_freedom for _, line in weighted)
     line = weighted[0][1]

@@ -32,7 +32,7 @@ class QuantityVerdict:
 
 
 def verdicts(result: ReducerResult, description: ReducerDescription) -> tuple[QuantityVerdict, ...]:
-    """Hold every value that the data sheet limits against its limit.
+    """Compare every value that the data sheet limits with its limit.
 
     Parameters
     ----------

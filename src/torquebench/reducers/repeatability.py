@@ -11,10 +11,10 @@ def over_positions(
 ) -> tuple[float, list[BudgetLine]]:
     """Return the mean over positions, and the contributions of loops and positions.
 
-    The scatter of loops at one position and the scatter between positions beyond it are separate
-    (random effects); with equal numbers of loops the value is the mean of all. `noise` is the
-    standard uncertainty of a loop's value by its own samples: what one loop can tell, and the least
-    that several can scatter.
+    The scatter of loops at one position and the additional scatter between positions are separate
+    random effects; with equal numbers of loops the value is the mean of all. `noise` is the
+    standard uncertainty of a loop's value by the noise of its samples: it is used for a single
+    loop, and it is the smallest scatter that several loops are given.
 
     Examples
     --------

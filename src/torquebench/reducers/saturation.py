@@ -10,13 +10,13 @@ from torquebench.reducers.quantities import Finding
 
 Floats = NDArray[np.float64]
 PLATEAU = 0.25
-"""Share of a record within 2 % of its largest torque above which a drive saturates."""
+"""A drive saturates if more than this share of a record is within 2 % of the largest torque."""
 MISSED = 0.05
-"""Relative deviation from the request of a saturated drive."""
+"""Relative deviation from the set point from which on a drive counts as saturated."""
 
 
 def torque_saturation(torque: Floats, demanded: Floats | None) -> list[Finding]:
-    """State where the drive doesn't follow its set points."""
+    """Return a finding where the drive doesn't follow its set points."""
     largest = float(np.quantile(np.abs(torque), 0.99))
     if demanded is not None:
         wanted = float(np.max(np.abs(demanded)))
@@ -45,7 +45,7 @@ def _saturated(largest: float, asked: str, rows: NDArray[np.bool_]) -> Finding:
 
 
 def missed_speed(speed_rpm: Floats, demanded_rpm: Floats) -> tuple[Finding, ...]:
-    """Name speeds that were requested and not reached, as by a drive at the end of its torque.
+    """Report requested speeds that weren't reached, as by a drive at its torque limit.
 
     Parameters
     ----------

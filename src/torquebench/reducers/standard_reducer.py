@@ -27,7 +27,7 @@ class FrictionCheckPoint:
     spread_nm : float
         Largest minus smallest repeat.
     error_percent, spread_percent : float
-        The amounts of both, % FS.
+        Magnitudes of both, % FS.
     """
 
     speed_rpm: float
@@ -68,17 +68,17 @@ class FrictionCheck:
 
     @property
     def error_kept(self) -> bool:
-        """Whether the error keeps the tolerance."""
+        """Whether the error is within the tolerance."""
         return self.error_percent <= self.tolerance_percent
 
     @property
     def repeatability_kept(self) -> bool:
-        """Whether the repeatability keeps the tolerance."""
+        """Whether the repeatability is within the tolerance."""
         return self.repeatability_percent <= self.tolerance_percent
 
     @property
     def kept(self) -> bool:
-        """Whether both keep it."""
+        """Whether error and repeatability are within the tolerance."""
         return self.error_kept and self.repeatability_kept
 
 
@@ -99,7 +99,7 @@ def check_friction(
     repeat : array of int, shape (n,)
         Number of the repeat.
     certified : tuple of CertifiedFriction
-        Of the certificate; between its speeds by straight lines.
+        From the certificate; interpolated linearly between its speeds.
     range_nm : float
         Full scale of the input module, N·m.
     tolerance_percent : float

@@ -1,4 +1,4 @@
-"""Standard uncertainties of a torque by its chain, before a test repeats it."""
+"""Standard uncertainties of a torque by its measuring chain, before a test repeats it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -26,7 +26,7 @@ class StandardUncertainties:
 
 @dataclass(frozen=True)
 class TorqueUncertainty(StandardUncertainties):
-    """Standard uncertainties (k = 1) of a torque, by what shares their errors.
+    """Standard uncertainties (k = 1) of a torque, grouped by what shares their errors.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class TorqueUncertainty(StandardUncertainties):
     mounting_nm : float
         Of the mounting and the drag of bearings, N·m; it changes sign with torque and speed.
     loading_nm : float
-        Of a loading, N·m, within limits that all repeats may use up alike: place in the hysteresis
+        Of a loading, N·m, by errors that may be alike in all repeats: position in the hysteresis
         loop, creep, dynamics.
     repeatability_nm : float
         Scatter of one loading, N·m; used only if a test has no repeats that show it.
@@ -58,13 +58,13 @@ class TorqueUncertainty(StandardUncertainties):
 
 
 KnownTorque = TorqueUncertainty | Sequence[TorqueUncertainty]
-"""What is known of the torque of all points of a test, or of each of them."""
+"""Uncertainty of the torque: the same for all points of a test, or one for each."""
 
 
 def over(known: KnownTorque, rows: NDArray[np.bool_] | None = None) -> TorqueUncertainty:
-    """Return what is known of the mean torque of some points; of all without `rows`.
+    """Return the uncertainty of the mean torque of some points; of all points without `rows`.
 
-    These are root mean squares: the points of a mean share their errors.
+    It is the root mean square of the points' uncertainties, because they share their errors.
 
     Examples
     --------

@@ -1,8 +1,8 @@
-"""Cuts recordings of torque and angle into loops of a rising and a falling branch, less drift.
+"""Cut recordings of torque and angle into loops of two branches, and subtract their drift.
 
-A branch is reduced to knots: its samples, the levels at which a stepped torque stood, or the
-places at which a coarse angle changes its count. A knot of an angle that counts is exact, but for
-the torque between the samples beside it; the mean of a count isn't.
+A branch is reduced to knots: its samples, the levels of a stepped torque, or the torques at which a
+coarse angle changes its count. Where a count changes, the angle is known exactly, and the torque
+within the interval between two samples; the mean torque of a count is less exact.
 """
 
 from __future__ import annotations
@@ -29,24 +29,24 @@ Indices = NDArray[np.intp]
 QUIET_SHARE = 0.004
 """Noise of the torque, as a share of its largest value, below which loops need no averaging."""
 LONGEST_MEAN = 0.02
-"""Largest part of a record between two reversals that is averaged against noise."""
+"""Largest share of a record between two reversals over which noise is averaged."""
 FULL_SPAN = 0.8
 """A branch is complete if it spans this share of the widest."""
 AT_THE_END = 0.9
 """A labelled loop begins and ends within this share of its largest torque."""
 COUNTED = 0.5
-"""Share of unchanged counts from which on an angle is read where it changes."""
+"""Share of unchanged counts from which on an angle is read only where its count changes."""
 SETTLED = 0.5
-"""Part of a level's samples that is left out while the angle may still follow the torque."""
+"""Share of a level's samples that is left out because the angle may still follow the torque."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
     """Torque (N·m) and angle (rad) in the order of measurement.
 
-    `less` is to be subtracted from the angle (twist of the bench, drift), once it was reduced to
-    knots. `step_rad` is the visible step of the angle's counts, 0 for none; `loop` the number of
-    the loop at its position, if stated.
+    `less` (twist of the bench, drift) is subtracted from the angle after its reduction to knots.
+    `step_rad` is the visible step of the angle's counts, 0 for none; `loop` the number of the loop
+    at its position, if stated.
     """
 
     torque: Floats
@@ -71,12 +71,12 @@ class Recording:
         )
 
     def changed(self, torque: Floats, angle: Floats) -> Recording:
-        """Return other torques and corrected angles, which don't show counts any more."""
+        """Return the recording with a new torque and a corrected angle that shows no counts."""
         nothing = np.zeros(angle.size)
         return replace(self, torque=torque, angle=angle, less=nothing, step_rad=0.0)
 
     def place(self, loops: Sequence[RawLoop]) -> Floats:
-        """Return the time of each sample in loops since the first began."""
+        """Return each sample's time since the first loop began, in durations of a loop."""
         time = np.arange(self.torque.size, dtype=np.float64)
         if self.time is not None and np.all(np.diff(self.time[loops[0].rows[0] :]) >= 0.0):
             time = self.time
@@ -94,8 +94,8 @@ class Recording:
 class RawLoop:
     """Samples of one loop: rows while the torque rises and falls, in time order.
 
-    Of a single cycle 0 → +T → −T → 0 one branch consists of two pieces, the cycle's last before its
-    first.
+    In a single cycle 0 → +T → −T → 0 one branch consists of two pieces: the cycle's last part, then
+    its first.
     """
 
     position: float
@@ -110,7 +110,7 @@ class RawLoop:
 
 
 def averaged(recording: Recording) -> tuple[Recording, int]:
-    """Average noisy torque and its angle over neighbouring samples, as far as it is needed.
+    """Average noisy torque and its angle over as few neighbouring samples as the noise requires.
 
     Noise of the torque blurs a loop where it is steep, which no fit of angle against torque can
     undo. Both are averaged over the same odd number of samples, which is also returned: 1 where the
@@ -141,8 +141,8 @@ def cut_loops(recording: Recording) -> Iterator[RawLoop]:
     """Yield the loops of a recording, position by position in the order of measurement.
 
     Labelled loops that begin and end at their largest torque aren't cut. All others are cut at the
-    torque's reversals: the part before the first complete branch (from zero, or a preload) doesn't
-    belong to any loop, but that of a single cycle 0 → +T → −T → 0.
+    torque's reversals. The part before the first complete branch (from zero, or a preload) belongs
+    to no loop, except in a single cycle 0 → +T → −T → 0.
     """
     torque = recording.torque
     for rows in recording.positions():
@@ -190,7 +190,7 @@ def _labelled(torque: Floats, rows: Indices, numbers: Floats) -> list[tuple[Piec
 
 
 def _parts(torque: Floats, rows: Indices) -> list[tuple[int, Indices]]:
-    """Cut at the torque's reversals; both parts at a reversal have the level where it stood."""
+    """Cut a record at the torque's reversals; a level at a reversal belongs to both parts."""
     turns = turning_points(torque)
     levels = levels_of(torque)
     begins, ends = turns.copy(), turns.copy()
@@ -220,7 +220,7 @@ def _cut(torque: Floats, parts: list[tuple[int, Indices]]) -> list[tuple[Pieces,
 
 
 def _single_cycle(torque: Floats, parts: list[tuple[int, Indices]]) -> list[tuple[Pieces, Pieces]]:
-    """Return the loop of a cycle that begins and ends near zero, between both ends."""
+    """Return the loop of a single cycle that begins and ends near zero torque, if it is one."""
     if len(parts) != 3:
         return []
     (sign, first), (_, middle), (_, last) = parts
@@ -243,7 +243,7 @@ def branch_of(recording: Recording, rows: Indices) -> Branch:
     if step > 0.0 and np.mean(np.diff(angle) == 0.0) >= COUNTED:
         return _of_counts(torque, angle, less, step)
     angle = angle - less
-    # Steps of the angle scatter as noise does where the torque passes them quickly.
+    # If the torque passes the steps of the angle quickly, they scatter like noise.
     noise = float(
         np.hypot(max(noise_of(angle), step / 12.0**0.5), _slope(torque, angle) * noise_of(torque))
     )
@@ -258,7 +258,7 @@ def _slope(torque: Floats, angle: Floats) -> float:
 def _of_levels(
     torque: Floats, angle: Floats, less: Floats, levels: list[slice], step: float
 ) -> Branch:
-    """Return the settled means at levels of torque; of a coarse torque those of each count."""
+    """Reduce a stepped torque to knots: mean torque and mean settled angle of each level."""
     inside = sum(abs(float(angle[part][-1] - angle[part][0])) for part in levels)
     ramped = inside > 0.5 * float(np.ptp(angle))
     kept = []
@@ -278,8 +278,8 @@ def _of_levels(
 def _of_counts(torque: Floats, angle: Floats, less: Floats, step: float) -> Branch:
     """Return the torques at which a counted angle passes from one count to the next.
 
-    Near a passage the count chatters between its two values. The passage is put where the number of
-    samples already beyond it equals that of samples still short of it later, which chatter doesn't
+    Near a passage the count chatters between its two values. The passage is placed so that as many
+    earlier samples have the new count as later samples have the old one, which chatter doesn't
     move. A passage whose chatter reaches an end of the branch is left out.
     """
     turn = 1.0 if angle[-1] >= angle[0] else -1.0
@@ -297,7 +297,8 @@ def _of_counts(torque: Floats, angle: Floats, less: Floats, step: float) -> Bran
     middle = 0.5 * (passed[begin] + passed[end]) + 0.5
     load, subtracted = (0.5 * (each[place - 1] + each[place]) for each in (torque, less))
     between = float(np.median(np.abs(np.diff(torque)))) * _slope(torque, angle)
-    # Variance of a rank: that of the samples beside it, and of those that chatter about it.
+    # The variance of a passage comes from the spacing of the samples and from the length of its
+    # chatter.
     return Branch(
         load,
         angle[0] + turn * step * middle - subtracted,
@@ -312,15 +313,16 @@ def _of_counts(torque: Floats, angle: Floats, less: Floats, step: float) -> Bran
 BINS = 24
 HIGHEST_DEGREE = 3
 BENDS = 9.0
-"""Gain in variance, in residual variances, from which on a drift has a further degree."""
+"""Gain in the sum of squares, in residual variances, from which on the drift gets a higher
+degree."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drift:
     """Drift of the angle at one position: what is subtracted from each sample, and its size.
 
-    `share` is the standard uncertainty of what is subtracted, as a share of it; `significant` says
-    whether the loops show it beyond their noise.
+    `share` is the relative standard uncertainty of the subtracted drift; `significant` says whether
+    the drift exceeds the noise of the loops.
     """
 
     rad: Floats
@@ -332,22 +334,22 @@ class Drift:
 def steady_drift(recording: Recording, loop: RawLoop, gap_rad: float, noise_rad: float) -> Drift:
     """Return half the gap of a single loop as a steady drift, if the gap exceeds its noise.
 
-    The gap may be drift, or a beginning that wasn't on the loop yet: U covers both.
+    The gap may be drift, or the first samples may not have been on the loop yet: U covers both.
     """
     place = recording.place([loop])
     if abs(gap_rad) <= 3.0 * noise_rad:
         return Drift(0.0 * place, 0.0, 0.0, significant=False)
     half = 0.5 * gap_rad
-    # It is the one or the other: ends are likelier than the middle (arcsine distribution).
+    # The gap is all drift or none: the ends are likelier than the middle (arcsine distribution).
     share = float(np.hypot(2.0**-0.5, noise_rad / half))
     return Drift(half * place, gap_rad, share, significant=True)
 
 
 def drift_of(recording: Recording, loops: Sequence[RawLoop]) -> Drift:
-    """Find the drift in which loops of one position differ at equal torque on equal branches.
+    """Return the drift: how loops of one position differ at equal torque on equal branches.
 
-    A polynomial of time of a degree below the number of loops, beside a line of angle over torque
-    in each part of each branch.
+    The drift is a polynomial of time, of a degree below the number of loops. It is fitted together
+    with a line of angle over torque in each part of each branch.
     """
     sides = [(0, each.rising) for each in loops] + [(1, each.falling) for each in loops]
     rows = np.concatenate([piece for _, pieces in sides for piece in pieces])
@@ -383,7 +385,7 @@ def drift_of(recording: Recording, loops: Sequence[RawLoop]) -> Drift:
 
 
 def _partialled(cell: NDArray[np.int64], torque: Floats, values: Floats) -> Floats:
-    """Return what a line over torque in each cell leaves."""
+    """Return the residuals of values about a line over torque in each cell."""
     count = np.maximum(np.bincount(cell), 1)
 
     def centred(column: Floats) -> Floats:

@@ -66,10 +66,10 @@ def evaluate_hysteresis(
     Branches are fitted locally; stiffness is ΔT/Δθ by least squares over its interval on the
     branches that are being loaded. Values are means over the loops of a position and over positions
     (the worst position if the rule requires it); a torque uncertainty becomes an angle uncertainty
-    through the local slope of the loop. A torque by levels is evaluated by its levels, a coarse
-    angle where it changes its count. Drift between loops is removed and named. If the torque has a
-    ripple, branches are evaluated at the outermost angles, with the torque less the one that
-    accelerates a known flange (`torque_at_flange`).
+    through the local slope of the loop. A stepped torque is evaluated by its levels, a coarse angle
+    where its count changes. Drift between loops is subtracted, and a finding states it. If the
+    torque has a ripple, branches are evaluated at the outermost angles, and the torque that
+    accelerates a known flange is subtracted (`torque_at_flange`).
 
     Parameters
     ----------
@@ -91,12 +91,12 @@ def evaluate_hysteresis(
     resolution_rad : float
         Step of the angle's counts, where it is known; the visible one by default.
     time_s : array of float, shape (n,), optional
-        For drift between loops; with `flange` at an even rate but for gaps.
+        Times, for the drift between loops; with `flange` at an even rate, gaps allowed.
     flange : FlangeInertia, optional
         Rotating parts between the transducer and the reducer.
     uncertainty : LoopUncertainty, optional
-        Of torque, angle and compliance; by default none, so that U has only what the recording
-        shows.
+        Of torque, angle and compliance; by default none, so that U contains only the scatter that
+        the recording shows.
     row : array of int, shape (n,), optional
         Number of each sample in its file, for messages.
     keep_outliers : bool
@@ -178,7 +178,7 @@ NEGLIGIBLE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class _Evaluated:
-    """Loops less the drift between them, and the same with it; the drift's share of uncertainty."""
+    """Loops without drift, the same loops with it, and the drift's relative uncertainty."""
 
     loops: tuple[LoopFeatures, ...]
     drifting: tuple[LoopFeatures, ...]
@@ -187,7 +187,7 @@ class _Evaluated:
 
 
 def _evaluated(recording: Recording, settings: LoopSettings) -> _Evaluated:
-    """Cut a recording into loops, subtract the drift between them, and read each of them."""
+    """Cut a recording into loops, subtract the drift between them, and read their features."""
     recording, width = averaged(recording)
     findings: list[Finding] = []
     if width > 1:
@@ -296,7 +296,7 @@ class _Quantities:
     def _over(
         self, choose: Callable[[LoopFeatures], Feature], position: float | None = None
     ) -> tuple[float, list[BudgetLine]]:
-        """Return the mean of a feature over loops and positions, and what the loops show of it."""
+        """Return the mean of a feature over loops and positions, and its contributions."""
         pairs = [
             (each, other)
             for each, other in zip(self.evaluated.loops, self.evaluated.drifting, strict=True)
@@ -329,7 +329,7 @@ class _Quantities:
         return list(dict.fromkeys(each.position for each in self.evaluated.loops))
 
     def _scale(self, factor: float) -> list[BudgetLine]:
-        """Return contributions of errors in proportion to the torque."""
+        """Return the contributions of errors in proportion to the torque."""
         known = self.known
         return [
             BudgetLine("torque scale", known.torque_relative * factor, shared=Shared.CALIBRATION),
@@ -337,7 +337,7 @@ class _Quantities:
         ]
 
     def _branch(self, factor: float) -> list[BudgetLine]:
-        """Return contributions of errors of one branch of a loop against the other."""
+        """Return the contribution of a torque error of one branch against the other."""
         known = self.known
         return [
             BudgetLine("torque branch", known.torque_branch_nm * factor, shared=Shared.CALIBRATION),
@@ -345,7 +345,7 @@ class _Quantities:
         ]
 
     def _angle(self, value: float, factor: float) -> list[BudgetLine]:
-        """Return contributions of the encoder's errors at single angles, and of its scale."""
+        """Return the contributions of the encoder's errors at single angles, and of its scale."""
         known = self.known
         return [
             BudgetLine("angle", known.angle_rad * factor, shared=Shared.MOUNTING),
@@ -379,8 +379,8 @@ class _Quantities:
         reach = 2.0 * rule.share * self.settings.rated_torque_nm
         twist = self.known.bench_compliance_rad_per_nm * reach
         parts += [
-            # The residual of a compensated step at reversal is equal on both branches and has the
-            # torque's sign: both ends add.
+            # A hysteresis step at reversal that is compensated incompletely is equal on both
+            # branches and has the sign of the torque: the errors at both ends add.
             *self._branch(2.0 * slope),
             self._zero(slope, len(positions) if worst is None else 1),
             *self._scale(reach * slope),
@@ -410,7 +410,7 @@ class _Quantities:
         per: float = NM_PER_RAD_OF_NM_PER_ARCMIN,
         unit: str = "N·m/arcmin",
     ) -> Budget:
-        """Return the stiffness from the mean compliance: angles averaged at equal torque."""
+        """Return the stiffness: the inverse of the mean compliance of the loops."""
         compliance, shown = self._over(choose)
         value = 1.0 / compliance
         known, angle_range = self.known, reach_nm * abs(compliance)
@@ -437,7 +437,7 @@ class _Quantities:
         return budget(value / per, unit, _scaled(parts, 1.0 / per))
 
     def stiffnesses(self) -> tuple[Budget, Budget, Budget]:
-        """Stiffness over the interval: of both sides, positive and negative."""
+        """Stiffness over the interval: mean of both torque directions, positive, negative."""
         low, high = self.settings.stiffness_interval
         reach = (high - low) * self.settings.rated_torque_nm
         return (

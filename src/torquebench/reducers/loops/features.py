@@ -26,7 +26,7 @@ CURVE_POINTS = 401
 REACHED = 0.97
 """Share of the stiffness interval's upper end that the torque has to reach."""
 LEAST_OF_LINE = 3
-"""Knots of the line through a stiffness interval."""
+"""Fewest knots of the line through a stiffness interval."""
 
 
 def features_of(
@@ -77,9 +77,10 @@ def features_of(
 
 
 def _read(sides: Sequence[Pieces], place: float, widest: float) -> list[Reading]:
-    """Read a branch of each loop; of a single cycle the piece that remembers the other end.
+    """Read a branch of each loop at a torque; in a single cycle, the piece that covers it.
 
-    The cycle's beginning joins the loop somewhere: there, the gap between both counts as half.
+    The first piece of a cycle isn't on the loop at its start: half the gap between both pieces is
+    added to its readings.
     """
     if len(sides[0]) == 1:
         return read([pieces[0] for pieces in sides], place, widest)
@@ -101,7 +102,7 @@ def _combined(readings: Sequence[Reading], weights: Sequence[float]) -> Feature:
     def parts(name: str) -> list[float]:
         return [abs(w) * getattr(each, name) for w, each in zip(weights, readings, strict=True)]
 
-    # What hides between samples is alike on both branches.
+    # The error of interpolation between samples is alike on both branches.
     noise, step = (float(np.linalg.norm(parts(name))) for name in ("noise", "step"))
     return Feature(float(value), noise, step, sum(parts("between")))
 
@@ -165,7 +166,8 @@ def _compliance(pieces: Pieces, sign: int, low_nm: float, high_nm: float) -> Fea
         )
     x, y, weight = _on_interval(load, sign * branch.angle, low_nm, high_nm)
     slope, gain = _line(x, y, weight)
-    # What may hide between knots: the same by every other of them, and by none but their own.
+    # The change of the slope without every other knot bounds the error of interpolation between
+    # knots; for sparse knots, so does the change without the interpolated ends.
     others = [_line(*_on_interval(load[::2], sign * branch.angle[::2], low_nm, high_nm))[0]]
     if branch.sparse:
         others.append(_line(load[inside], sign * branch.angle[inside], np.ones(inside.sum()))[0])
@@ -173,7 +175,7 @@ def _compliance(pieces: Pieces, sign: int, low_nm: float, high_nm: float) -> Fea
     noise = branch.noise * gain
     between = float(np.sqrt(max(apart**2 - (3.0 * noise) ** 2, 0.0) / 3.0))
     if len(pieces) == 2 and branch is pieces[1]:
-        # The beginning of a single cycle joins the loop somewhere before its end.
+        # The first piece of a single cycle joins the loop somewhere before its end.
         bend = _gap(pieces) / float(np.ptp(branch.torque))
         slope, between = slope + 0.5 * bend, float(np.hypot(between, bend / 12.0**0.5))
     if slope == 0.0:
@@ -182,12 +184,12 @@ def _compliance(pieces: Pieces, sign: int, low_nm: float, high_nm: float) -> Fea
             "an angle that changes with the torque",
             "check the encoder and the columns",
         )
-    # Steps of an angle that beat with those of the torque tilt the whole line.
+    # If steps of the angle beat with those of the torque, the whole line tilts.
     return Feature(slope, noise, branch.step * 2.0**0.5 / float(np.ptp(load[inside])), between)
 
 
 def _line(x: Floats, y: Floats, weight: Floats) -> tuple[float, float]:
-    """Return the slope of a weighted line, and its gain of independent noise."""
+    """Return the slope of a weighted line, and the factor from noise to its standard error."""
     x, y = (each - np.average(each, weights=weight) for each in (x, y))
     squares = float(weight @ x**2)
     return float(weight @ (x * y)) / squares, float(np.linalg.norm(weight * x)) / squares
@@ -196,12 +198,12 @@ def _line(x: Floats, y: Floats, weight: Floats) -> tuple[float, float]:
 def _on_interval(
     torque: Floats, angle: Floats, low: float, high: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Return torques and angles of an interval with interpolated ends, and each one's share."""
+    """Return torques and angles in an interval with interpolated ends, and their weights."""
     order = np.argsort(torque, kind="stable")
     x, y = torque[order], angle[order]
     ends = np.array([low, high])
     if not (x[0] <= low and high <= x[-1]):
-        reach = 0.5 * (high - low)  # no further than half of the interval beyond the knots
+        reach = 0.5 * (high - low)  # reach beyond the knots by at most half the interval
         ends = np.array([max(low, float(x[0]) - reach), min(high, float(x[-1]) + reach)])
     inside = (x > ends[0]) & (x < ends[1])
     x, y = (
@@ -212,7 +214,7 @@ def _on_interval(
 
 
 def _extended(place: Floats, x: Floats, y: Floats) -> Floats:
-    """Interpolate, and extend the outermost lines."""
+    """Interpolate between points, and extend the outermost lines beyond them."""
     value = np.interp(place, x, y)
     for end, other in ((0, 1), (-1, -2)):
         beyond = place < x[0] if end == 0 else place > x[-1]
@@ -240,7 +242,7 @@ def _regions(
 
 
 def _energy(rising: Pieces, falling: Pieces, raw: RawLoop, recording: Recording) -> Feature:
-    """Return the area of the loop: that of its samples in time, of a stepped torque its levels."""
+    """Return the area of the loop, from its samples, or from the levels of a stepped torque."""
     step = recording.step_rad
     if levels_of(recording.torque[raw.rising[0]]):
         branches = [*rising, *falling]
@@ -258,11 +260,11 @@ def _energy(rising: Pieces, falling: Pieces, raw: RawLoop, recording: Recording)
     squares = steps = 0.0
     for branch in branches:
         squares += float(np.sum(np.diff(branch.torque) ** 2)) * branch.noise**2
-        # Steps of an angle that beat with those of the torque lift a whole branch.
+        # If steps of the angle beat with those of the torque, a whole branch is raised.
         steps += (float(np.ptp(branch.torque)) * branch.step) ** 2
     area, coarser = (_area(branches, every) for every in (1, 2))
     hidden = max((area - coarser) ** 2 - 9.0 * squares, 0.0) / 3.0
-    # A count that the ends of a branch cut is known to a part of it only.
+    # The ends of a branch cut its first and last count, so that their angles are known less well.
     x, y = (
         np.concatenate([getattr(each, name) for each in branches]) for name in ("torque", "angle")
     )
@@ -271,7 +273,7 @@ def _energy(rising: Pieces, falling: Pieces, raw: RawLoop, recording: Recording)
     between = 0.0
     for pieces in (rising, falling):
         if len(pieces) == 2:
-            # The beginning of a single cycle joins the loop somewhere before its end.
+            # The first piece of a single cycle joins the loop somewhere before its end.
             gap = _gap(pieces) * float(np.ptp(pieces[1].torque))
             area += 0.25 * gap
             between = gap / 4.0 / 3.0**0.5
@@ -279,7 +281,7 @@ def _energy(rising: Pieces, falling: Pieces, raw: RawLoop, recording: Recording)
 
 
 def _area(branches: Sequence[Branch], every: int) -> float:
-    """Return the area of a loop by every so manyth knot and the ends of its branches."""
+    """Return the area of a loop from every `every`-th knot and the ends of its branches."""
     path = []
     for branch in branches:
         rows = np.unique(np.append(np.arange(0, branch.torque.size, every), branch.torque.size - 1))
@@ -289,7 +291,7 @@ def _area(branches: Sequence[Branch], every: int) -> float:
 
 
 def _gap(pieces: Pieces) -> float:
-    """Return how far the beginning of a single cycle is off its end."""
+    """Return the gap between the start and the end of a single cycle."""
     return abs(float(pieces[1].angle[0] - pieces[0].angle[-1]))
 
 
@@ -307,15 +309,15 @@ def _closure(raw: RawLoop, recording: Recording) -> tuple[float, float]:
     beside = angle - slope * torque
     (start, first), (end, last) = (_outer_end(beside[::way][:count]) for way in (1, -1))
     noise = float(np.hypot(noise_of(angle), slope * noise_of(torque))) * (8.0 / count) ** 0.5
-    # At a reversal the slope changes by a half of itself or so.
+    # At a reversal the slope may change by about half of itself.
     parts = [noise, first, last, recording.step_rad / 6.0**0.5, 0.3 * apart]
     return end - start, float(np.linalg.norm(parts))
 
 
 def _outer_end(values: Floats) -> tuple[float, float]:
-    """Return the first value of a line through a few samples, and how far they are off that line.
+    """Return a line's value at the first of a few samples, and their scatter about it.
 
-    A loop opens beside its tip: a mean of these samples isn't at the tip.
+    A loop is wider beside its tip: the mean of these samples would be away from the tip.
     """
     if values.size < 4:
         return float(values.mean()), 0.0

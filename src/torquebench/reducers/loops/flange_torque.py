@@ -15,8 +15,9 @@ Floats = NDArray[np.float64]
 
 WINDOW = 11
 DEGREE = 5
-"""Samples and degree of the polynomials through torque and angle: they keep 99 % of the torque and
-94 % of the acceleration of a ripple of 12 samples a period, and 99 % of both for 20 samples.
+"""Degree of the polynomials through torque and angle, and samples of their window: they keep 99 %
+of the torque and 94 % of the acceleration of a ripple of 12 samples a period, and 99 % of both for
+20 samples.
 """
 
 
@@ -43,7 +44,7 @@ class FlangeInertia:
                 )
 
     def __str__(self) -> str:
-        """Return it with its uncertainty."""
+        """Return the moment of inertia with its uncertainty, as a text."""
         return Message(
             "{inertia_kgm2:g} kg·m² ± {inertia_uncertainty_percent:g} %",
             self.inertia_kgm2,
@@ -69,7 +70,7 @@ def torque_at_flange(
     Parameters
     ----------
     time_s : array of float, shape (n,)
-        Even but for gaps; each stretch without a gap is taken for itself.
+        At an even rate, gaps allowed; each stretch without a gap is filtered by itself.
     torque_nm : array of float, shape (n,)
         At the transducer, N·m.
     angle_rad : array of float, shape (n,)

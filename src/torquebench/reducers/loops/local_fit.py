@@ -16,20 +16,20 @@ GROWTH = 1.3
 CONFIDENCE = 1.5
 """Standard errors within which fits of neighbouring windows must agree."""
 NARROWER = 2
-"""Steps of the window's growth back from the widest that agrees: the biases of several readings
-add up, and each step takes half of them at a tenth more scatter."""
+"""Steps by which the widest window that agrees is narrowed: the biases of several readings add up,
+and each step halves the bias for a tenth more scatter."""
 BIAS = 2.0**0.5
-"""Factor on the standard error: what remains of the bias is at most one of them."""
+"""Factor on the standard error, because the remaining bias is at most one standard error."""
 LEAST_KNOTS = 3
-"""Knots of a branch."""
+"""Fewest knots of a branch."""
 
 
 @dataclass(frozen=True, eq=False)
 class Branch:
     """A branch as knots: angle (rad) over torque (N·m), in the order of measurement.
 
-    `noise` and `step` are standard uncertainties of a knot's angle: of independent noise, and of
-    steps that may be alike in every loop. `sparse` knots are as good as interpolated between.
+    `noise` and `step` are standard uncertainties of a knot's angle, by independent noise and by
+    counts that may be alike in every loop. `sparse` says that the branch has few, exact knots.
     """
 
     torque: Floats
@@ -51,7 +51,7 @@ class Branch:
 class Reading:
     """A branch's angle at a torque, rad: value, slope per N·m, and standard uncertainties.
 
-    `noise` averages over loops; `step` and `between` (what may happen between knots) don't.
+    `noise` averages over loops; `step` and `between` (error of interpolation between knots) don't.
     """
 
     value: float
@@ -63,7 +63,7 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class LocalFit:
-    """Values, slopes and standard errors of local lines at some places."""
+    """Values, slopes and standard errors of local lines at several torques."""
 
     value: Floats
     slope: Floats
@@ -71,13 +71,13 @@ class LocalFit:
 
 
 def read(branches: Sequence[Branch], place: float, widest: float) -> list[Reading]:
-    """Read the same branch of several loops at a torque, by local parabolas of one window.
+    """Read the same branch of several loops at a torque, by local parabolas with one common window.
 
     The window grows as long as the means of all fits so far agree within their standard errors
     (intersection of confidence intervals: Goldenshluger and Nemirovski, Mathematical Methods of
-    Statistics 6 (1997) 135), up to a half width of `widest`. A somewhat narrower one is taken, so
-    that its bias is smaller than the error of the mean. What may happen between the knots beside
-    the place is bounded by the chord between them and the lines that lead to them from either side.
+    Statistics 6 (1997) 135), up to a half width of `widest`. A narrower one is used, so that its
+    bias is smaller than the error of the mean. The error of interpolation between the two nearest
+    knots is bounded by the chord between them and by the lines that lead to them from either side.
     """
     knots = []
     for branch in branches:
@@ -114,9 +114,9 @@ def read(branches: Sequence[Branch], place: float, widest: float) -> list[Readin
 
 
 def _parabola(x: Floats, y: Floats) -> tuple[float, float, float]:
-    """Return value and slope at 0 of the least squares, and the value's gain of independent noise.
+    """Return a fit's value and slope at 0, and the value's standard error per unit noise.
 
-    A parabola from six knots on, a line through fewer.
+    The fit is a parabola through six knots or more, a line through fewer.
     """
     scale = max(float(np.max(np.abs(x))), 1e-300)
     if np.ptp(x) <= 1e-12 * scale:
@@ -128,7 +128,7 @@ def _parabola(x: Floats, y: Floats) -> tuple[float, float, float]:
 
 
 def _between(x: Floats, y: Floats, place: float, value: float, sigma: float) -> float:
-    """Return the standard uncertainty of what may happen between knots, beyond their noise."""
+    """Return the standard uncertainty of interpolation between two knots, beyond their noise."""
     torque, first = np.unique(x, return_index=True)
     if torque.size < 3:
         return 0.0
@@ -148,8 +148,7 @@ def _between(x: Floats, y: Floats, place: float, value: float, sigma: float) -> 
 class LocalLines:
     """Local straight lines through a branch at many torques, for its curve.
 
-    As `read`, but by lines, and with sums that are accumulated once: a fit costs no pass over the
-    samples.
+    Like `read`, but with lines, and with cumulative sums: a fit needs no pass over the samples.
 
     Examples
     --------
@@ -171,7 +170,7 @@ class LocalLines:
         self._sums = np.vstack([np.zeros(5), np.cumsum(sums, axis=0)])
 
     def at(self, places: ArrayLike) -> LocalFit:
-        """Return the local lines at places, shape (n,)."""
+        """Return the local lines at several torques, shape (n,)."""
         x = np.atleast_1d(np.asarray(places, dtype=np.float64))
         if self._sparse:
             value = np.interp(x, self._x, self._y)
@@ -197,7 +196,7 @@ class LocalLines:
         return best
 
     def _least_half_width(self, places: Floats) -> Floats:
-        """Return the smallest half width around each place that contains enough samples."""
+        """Return the smallest half width around each torque that contains enough samples."""
         size, need = self._x.size, min(8, self._x.size)
         middle = np.searchsorted(self._x, places)
         starts = np.clip(middle[:, None] - np.arange(need + 1), 0, size - need)

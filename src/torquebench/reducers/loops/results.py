@@ -52,7 +52,7 @@ class LostMotionRule:
     source: str
 
     def words(self) -> str:
-        """Say the rule in words, as a report has to state it.
+        """Return the rule in words, as a report has to state it.
 
         Examples
         --------
@@ -158,7 +158,7 @@ class LoopUncertainty(StandardUncertainties):
         N·m; independent between branches, common to all loops. Lost motion may have this error with
         equal signs on both sides.
     torque_loading_nm : float
-        The same by the loading (place in the chain's own hysteresis loop, creep, drift within a
+        The same, by the loading (position in the chain's own hysteresis loop, creep, drift within a
         loop), N·m.
     angle_rad : float
         Of an angle of one branch (encoder interpolation), rad; independent between the branches and
@@ -210,7 +210,7 @@ class LoopCurve:
 
 @dataclass(frozen=True)
 class Feature:
-    """A value of one loop with standard uncertainties: of noise, of steps, and between knots."""
+    """Value of one loop, with standard uncertainties by noise, counts and interpolation."""
 
     value: float
     noise: float = 0.0
@@ -219,7 +219,7 @@ class Feature:
 
     @classmethod
     def mean(cls, first: Feature, second: Feature) -> Feature:
-        """Return the mean of two: their noise is independent, the rest may be alike."""
+        """Return the mean of two features: noise is independent, other errors may be alike."""
         return cls(
             0.5 * (first.value + second.value),
             0.5 * float(np.hypot(first.noise, second.noise)),
@@ -412,7 +412,7 @@ WIDEST_TWIST_RAD = 0.5
 
 
 def check_columns(torque: Floats, angle: Floats, rated_torque_nm: float) -> None:
-    """Refuse columns whose values don't fit their names: swapped, constant, of opposite signs."""
+    """Refuse columns that are swapped, constant, or of opposite signs."""
     for name, column in (("torque", torque), ("angle", angle)):
         if np.ptp(column) == 0.0:
             raise InputError(
@@ -483,7 +483,7 @@ def check_closure(loops: Sequence[LoopFeatures], settings: LoopSettings) -> None
 
 
 def loop_findings(loops: Sequence[LoopFeatures], settings: LoopSettings) -> list[Finding]:
-    """Return remarks about evaluated loops."""
+    """Return findings about the evaluated loops."""
     findings = []
     positions = {each.position for each in loops}
     rule = settings.lost_motion_rule
@@ -531,7 +531,7 @@ def _spread(feature: Feature) -> float:
 
 
 def _preload(loops: Sequence[LoopFeatures], settings: LoopSettings) -> Finding | None:
-    """Find loops that are much softer far from zero torque than at it."""
+    """Return a finding if loops are much softer far from zero torque than at it."""
     centres = []
     for each in loops:
         curve = each.curve

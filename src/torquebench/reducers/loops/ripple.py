@@ -15,28 +15,27 @@ from torquebench.reducers.quantities import Finding
 
 Floats = NDArray[np.float64]
 LOADED = 0.3
-"""The ripple is searched above this share of the largest torque; backlash causes jumps below it."""
+"""Share of the largest torque above which ripple is searched; below it, backlash causes jumps."""
 LINE_SHARE = 0.5
 """Smallest share of the ripple in the fast changes of torque and angle."""
 SLOWEST = 20.0
 FASTEST = 2.2
 OVERTONE = 0.1
-"""Share from which on an overtone has tips of its own."""
+"""Share of the ripple's power from which on an overtone has peaks of its own."""
 RESOLVED = 6.0
-"""Samples in a period from which on a ripple's tips are resolved."""
+"""Fewest samples in a period that resolve a ripple's peaks."""
 LEFT = 0.15
 """Standard uncertainty of the bias of the outermost samples, as a share of the ripple's influence,
 where the torque is measured beyond a flange that swings with it: on four of five simulated benches,
-with 12 to 21 samples a period, 0.13 to 0.24 of the backlash were lost; on the fifth the ripple's
-influence was below the noise.
+with 12 to 21 samples a period, the backlash was too small by 0.13 to 0.24; on the fifth the
+ripple's influence was below the noise.
 """
 LEFT_AT_REDUCER = 0.05
-"""The same where the torque is measured at the reducer: 0.01 to 0.04 of the backlash and 0.02 to
-0.08 of the loss on the same four benches.
+"""The same where the torque is measured at the reducer: on the same four benches the backlash was
+too small by 0.01 to 0.04 and the loss by 0.02 to 0.08.
 """
 LEFT_UNRESOLVED = 0.5
-"""Standard uncertainty of the bias of the outermost samples with a faster ripple, as a share of the
-ripple's influence.
+"""The same for a faster ripple, whose peaks aren't resolved.
 """
 
 
@@ -57,7 +56,7 @@ class Ripple:
 
     @property
     def averaged(self) -> int:
-        """Samples that may be averaged without losing the ripple's tips."""
+        """Number of samples that may be averaged without losing the ripple's peaks."""
         return max(1, round(self.period / 8.0))
 
 
@@ -78,8 +77,8 @@ def without_ripple(
 ) -> tuple[Recording, Ripple | None]:
     """Leave only the outermost samples of a record whose torque ripples, position by position.
 
-    A position whose torque doesn't ripple keeps its samples. The ripple is the one at the position
-    where it is fastest.
+    A position whose torque doesn't ripple keeps its samples. The returned ripple is the fastest of
+    all positions.
     """
     parts: list[tuple[Floats, Floats, NDArray[np.intp]]] = []
     fastest: Ripple | None = None
@@ -105,10 +104,9 @@ def what_it_hid(
     *,
     at_reducer: bool,
 ) -> tuple[RippleLeft, Finding]:
-    """Compare loops by their outermost samples with those by all samples.
+    """Return the ripple's remaining uncertainty: loops of outermost samples against loops of all.
 
-    A share of the difference of both remains as an uncertainty, a smaller one if the torque is
-    measured at the reducer.
+    It is a share of their difference, smaller if the torque is measured at the reducer.
     """
     left = LEFT_AT_REDUCER if at_reducer else LEFT
     if ripple.period < RESOLVED:
@@ -146,8 +144,8 @@ def what_it_hid(
 def find_ripple(torque: Floats, angle: Floats) -> Ripple | None:
     """Return the ripple of a record in the order of measurement, if torque and angle have one.
 
-    A line with its overtones in the spectrum of both, with most of their changes within a twentieth
-    of a branch.
+    A ripple is a line with overtones in the spectra of both, which holds most of the changes that
+    are faster than a twentieth of the record.
     """
     largest = float(np.max(np.abs(torque)))
     stretches = []
@@ -182,7 +180,7 @@ def _line(torque: Floats, angle: Floats) -> Ripple | None:
 
 
 def _harmonics(power: Floats, base: float) -> Floats:
-    """Return the shares of three harmonics in a power spectrum."""
+    """Return the shares of a line and its next two harmonics in a power spectrum."""
     shares = []
     for number in (1, 2, 3):
         half = 2.0 + 0.05 * base
@@ -192,7 +190,7 @@ def _harmonics(power: Floats, base: float) -> Floats:
 
 
 def _quick(values: Floats) -> Floats:
-    """Return the fast part of a signal, above a twentieth of its length."""
+    """Return a signal's deviation from its mean over a twentieth of its length."""
     width = max(5, int(values.size / SLOWEST)) | 1
     padded = np.pad(values, width // 2, mode="reflect", reflect_type="odd")
     return values - np.convolve(padded, np.full(width, 1.0 / width), mode="valid")
@@ -201,7 +199,7 @@ def _quick(values: Floats) -> Floats:
 def outermost(
     torque: Floats, angle: Floats, ripple: Ripple, resolution_rad: float = 0.0
 ) -> tuple[Floats, Floats, NDArray[np.intp]]:
-    """Return the samples of a record at which a branch is further than ever before, and which.
+    """Return the samples at which a branch exceeds all earlier angles, and their indices.
 
     A hysteresis with return-point memory is independent of an inner loop once the angle has passed
     the point where it began (Madelung's rules; Brokate and Sprekels, Hysteresis and Phase
@@ -213,10 +211,10 @@ def outermost(
     torque, angle : array of float, shape (n,)
         In the order of measurement, at one position.
     ripple : Ripple
-        Sets over how many samples torque and angle are averaged before.
+        Sets over how many samples torque and angle are averaged first.
     resolution_rad : float
-        Of the angle. A step of the counts is passed where it begins for both directions: half of
-        it is subtracted, so that it doesn't narrow the loop.
+        Step of the angle's counts. Both directions pass a step at its beginning: half of it is
+        subtracted, so that it doesn't narrow the loop.
 
     Returns
     -------

@@ -55,7 +55,7 @@ class FrictionCurve:
         Standard error of the mean in N·m, from the spread pooled over all speeds, or from the
         windows of a log; NaN without either.
     points : array of int, shape (k,)
-        How many points each mean is of.
+        Number of points in each mean.
     up_minus_down_nm : array of float, shape (k,)
         Mean while the speed rises minus mean while it falls, in N·m; NaN where one is missing.
     """
@@ -397,7 +397,7 @@ def _fit_of_side(
 
 
 def _error_of_means(curve: FrictionCurve, side: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return the standard error of a mean of the usual number of points; 0 if unknown."""
+    """Return the standard error of a mean of the typical number of points; 0 if unknown."""
     known = curve.standard_error_nm[side]
     if not np.all(np.isfinite(known)):
         return 0.0, np.inf

@@ -24,7 +24,7 @@ FORMS: dict[str, tuple[str, ...]] = {
 SUPPORTED = 3.0
 """A part is supported if it exceeds this many standard uncertainties."""
 CHANCE = 0.001
-"""Probability of a scatter about a fit below which the means' errors don't explain it."""
+"""Probability below which the means' errors don't explain the scatter about a fit."""
 
 
 @dataclass(frozen=True)
@@ -131,8 +131,8 @@ def fit_friction(
     least squares; the Stribeck speed is searched between the smallest and the largest speed.
     Uncertainties follow from the residual. ``"best"`` only chooses a form whose Stribeck speed is
     within these limits and whose parts all exceed three standard uncertainties: within a short
-    range of speeds, large viscous and Stribeck parts can cancel. Nor does it choose a form from
-    which the means are farther than their own errors explain, if another isn't.
+    range of speeds, large viscous and Stribeck parts can cancel. It prefers forms whose residuals
+    are explained by the errors of the means.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def fit_friction(
     torque_nm : array of float, shape (k,)
         Mean torques that oppose the motion, in N·m.
     points : array of int, shape (k,)
-        How many points each mean is of: its weight.
+        Number of points in each mean: its weight.
     exponent : {1, 2}
         Exponent of the Stribeck part.
     form : str
@@ -162,7 +162,7 @@ def fit_friction(
     speed = speed_rpm * RAD_S_PER_RPM
     weight = points / points.mean()
     solutions = [_solve(speed, torque_nm, weight, name, exponent) for name in names]
-    # A scatter below the resolution isn't known to be smaller.
+    # The residuals can't show a scatter below the resolution.
     least = resolution_nm**2 / 12.0
     fits = [_described(solution, speed, weight, exponent, least) for solution in solutions]
     candidates = [k for k, fit in enumerate(fits) if solutions[k].inside and _supported(fit)]
@@ -182,7 +182,7 @@ def _supported(fit: FrictionFit) -> bool:
 
 
 def _explained(fit: FrictionFit, error_nm: float, error_freedom: float) -> bool:
-    """Return whether the means' own errors explain how far they are from a fit (F-test)."""
+    """Return whether the errors of the means explain the residuals of a fit (F-test)."""
     if error_nm == 0.0:
         return True
     ratio = (fit.residual_nm / error_nm) ** 2
@@ -203,7 +203,7 @@ class _Solution:
 def _basis(
     speed: NDArray[np.float64], names: tuple[str, ...], stribeck_speed: float, exponent: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the columns of the linear parts, and the slope of the last in the Stribeck speed."""
+    """Return the columns of the linear parts, and the last one's derivative by Stribeck speed."""
     ratio = (speed / stribeck_speed) ** exponent
     decay = np.exp(-ratio)
     columns = {"coulomb": np.ones_like(speed), "viscous": speed, "stribeck": decay}

@@ -35,9 +35,10 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 LEAST_RANGE_K = 1.0
-"""Change of temperature below which its effect isn't evaluated."""
+"""Smallest range of temperatures from which its effect is evaluated."""
 SAME_SPEED = 0.02
-"""Difference of the speeds of both directions that count as one, as a share of the largest."""
+"""Largest difference of the speeds of both directions that count as one, as a share of the
+largest."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class NoLoadPoint:
         return Message("no-load torque at {nominal_rpm:.5g} rpm{which}", self.nominal_rpm, which)
 
     def magnitude(self) -> Budget:
-        """Return the torque that opposes the motion: positive where friction is."""
+        """Return the torque that opposes the motion, positive for friction."""
         torque = self.torque
         sign = -1.0 if self.speed_rpm < 0 else 1.0
         lines = (line.times(sign) for line in torque.lines)
@@ -206,7 +207,7 @@ def evaluate_no_load(
         Largest range of the speeds of one step; by default 0.5 % of the largest and
         5 % of their own.
     reference_temperature_c : float, optional
-        Bring all torques to this temperature by the coefficient that the data show.
+        Convert all torques to this temperature, by the coefficient that the data show.
     largest_share : float, optional
         Refuse the result where U exceeds this share of the torque at any speed.
     zeroed : bool
@@ -302,7 +303,7 @@ def evaluate_no_load(
 
 
 def _rank(points: SpeedPoints) -> NDArray[np.int64]:
-    """Return the index of each point's step by rising speed."""
+    """Return each point's speed step, numbered by rising speed."""
     count = np.bincount(points.group)
     speed = np.bincount(points.group, weights=points.speed) / count
     rank = np.empty(count.size, dtype=np.int64)
@@ -359,7 +360,7 @@ def _coefficient(points: SpeedPoints, warmth: Floats) -> Budget | None:
 
 @dataclass(frozen=True)
 class _Scatter:
-    """Scatter of a test's repeats: of a point about its series, and common to a series."""
+    """Scatter of a test's repeats: of points within a series, and between series."""
 
     within_nm: float
     within_freedom: float
@@ -370,7 +371,7 @@ class _Scatter:
     resolution_nm: float = 0.0
 
     def parts(self, points: int, series: int) -> list[BudgetLine]:
-        """Return the standard error of a mean of points from several series."""
+        """Return contributions to the mean of a number of points from a number of series."""
         parts = []
         if self.within_freedom:
             error = self.within_nm / sqrt(points)
@@ -383,7 +384,7 @@ class _Scatter:
         return parts
 
     def findings(self) -> list[Finding]:
-        """State missing repeats."""
+        """Return a finding if repeats are missing."""
         if self.repeated:
             return []
         if self.own:
@@ -404,7 +405,7 @@ class _Scatter:
 
 
 def _scatter(points: SpeedPoints, series: NDArray[np.int64], friction: FrictionResult) -> _Scatter:
-    """Split the scatter into a part common to a series and the rest, pooled over directions.
+    """Split the scatter into a part common to a series and the rest, pooled over both directions.
 
     Model: torque = step and branch + series + scatter, series as random effects (method of
     moments).
@@ -514,7 +515,7 @@ def _mean_of_branches(points: SpeedPoints, here: NDArray[np.bool_]) -> float:
 
 
 def _both_directions(points: tuple[NoLoadPoint, ...], tolerance: float) -> tuple[NoLoadPoint, ...]:
-    """Return the mean magnitude of both directions at each speed that both were driven at."""
+    """Return the mean magnitude of both directions at each speed that was driven in both."""
     means = []
     backward = [each for each in points if each.nominal_rpm < 0.0]
     for forward in (each for each in points if each.nominal_rpm > 0.0):

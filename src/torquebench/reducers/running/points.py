@@ -1,4 +1,4 @@
-"""Steady points of running torque: of a table, of a log's windows, or of a ramp's parts."""
+"""Steady points of running torque, from a table, the windows of a log, or parts of a ramp."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ AT_REST = 0.01
 """Share of the largest speed below which a log's shaft is at rest."""
 OFFSET_SIGNIFICANT = 2.0
 LEAST_PAIRS = 4
-"""Speeds driven in both directions from which on their sums are compared."""
+"""Fewest speeds driven in both directions whose sums are compared."""
 
 
 @dataclass(frozen=True, eq=False)
 class SpeedPoints:
-    """Points as columns, and the step of speed that each belongs to.
+    """Points as columns, and the speed step that each belongs to.
 
     Parameters
     ----------
@@ -44,14 +44,15 @@ class SpeedPoints:
     group : array of int, shape (n,)
         Step of each point, from the lowest speed.
     own_nm : array of float, shape (n,)
-        Standard uncertainty of each point by its own window; NaN for a point of a table.
+        Standard uncertainty of each point from the scatter in its window; NaN for a point of a
+        table.
     resolution_nm : float
         Last decimal place of the torque; 0 if it shows none.
     offset_nm, offset_u_nm : float
         What was subtracted from all torques, and its standard uncertainty.
     ramp : pair of array, or None
-        Speeds and torques of a ramp in short blocks, through which friction is fitted: it bends
-        within the points. The offset isn't subtracted from them.
+        Speeds and torques of a ramp in short blocks, for the fit of friction, which bends within a
+        point's range of speeds. The offset isn't subtracted from them.
     """
 
     samples: Samples
@@ -148,13 +149,13 @@ def _branch(speed: Floats) -> Floats:
 
 
 def _blocks(values: Floats) -> Floats:
-    """Return means of so many neighbouring samples that a thousand or two are left."""
+    """Return means over blocks of neighbouring samples, so that 1,000 to 2,000 blocks remain."""
     size = max(1, values.size // 1000)
     return np.asarray(values[: values.size // size * size].reshape(-1, size).mean(axis=1))
 
 
 def _of_ramp(samples: Samples) -> tuple[Samples, NDArray[np.int64], Floats]:
-    """Average a ramp over parts of its speed, rising and falling apart."""
+    """Average a ramp over parts of its speed range, separately while rising and falling."""
     speed = samples["speed_rpm"]
     # Narrower at low speed, where friction bends.
     share = (np.abs(speed) / float(np.max(np.abs(speed)))) ** (2.0 / 3.0)
@@ -208,9 +209,10 @@ def _without_outliers(points: SpeedPoints) -> SpeedPoints:
 
 
 def _unlike_directions(points: SpeedPoints) -> NDArray[np.bool_]:
-    """Find single points whose sum with the other direction's is far from that of other speeds.
+    """Find single points whose torque doesn't match that of the opposite direction.
 
-    Of both, it is the one that is farther from the next speeds of its direction.
+    The sum of both directions is compared with the sums at other speeds. Of an unlike pair, the
+    outlier is the point that is farther from the next speeds of its direction.
     """
     count = np.bincount(points.group)
     speed = np.bincount(points.group, weights=points.speed) / count
@@ -238,7 +240,7 @@ def _unlike_directions(points: SpeedPoints) -> NDArray[np.bool_]:
 
 
 def _less_offset(points: SpeedPoints) -> SpeedPoints:
-    """Subtract half the sum of both directions, where it is significant."""
+    """Subtract half the sum of both directions as an offset, where it is significant."""
     count = np.bincount(points.group)
     speed = np.bincount(points.group, weights=points.speed) / count
     torque = np.bincount(points.group, weights=points.torque) / count

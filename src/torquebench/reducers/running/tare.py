@@ -16,7 +16,7 @@ TRANSFER_SHARE = 0.2
 misalignment then loads the bearings.
 """
 REACH = 1.05
-"""Factor beyond its fastest speed up to which an empty run is used."""
+"""Factor on the fastest speed of an empty run up to which the run is used."""
 HIGHEST_DEGREE = 2
 
 
@@ -41,7 +41,7 @@ class TareValue:
 
     @property
     def transfer_nm(self) -> float:
-        """Standard uncertainty of taking it from an empty run to a mounted reducer, N·m."""
+        """Standard uncertainty of using the empty run's drag with a mounted reducer, N·m."""
         return TRANSFER_SHARE * abs(self.drag_nm) / sqrt(3.0)
 
 
@@ -72,10 +72,10 @@ class Tare:
     stated: Torque | None = None
 
     def left(self, torque: Torque, speed_rpm: ArrayLike) -> Torque:
-        """Return torques without the errors that the empty run's points at their speeds have too.
+        """Return torques without the errors that they share with the empty run.
 
-        Errors of the calibration and of the mounting cancel as far as both have them. The scatter
-        of the empty run and its zero are in `at` and `zero_nm`.
+        The empty run's point at the nearest speed counts. Shared errors of the calibration and of
+        the mounting cancel. The scatter of the empty run and its zero are in `at` and `zero_nm`.
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class Tare:
 
 
 def _difference(one: Component, other: Component) -> Component:
-    """Return the error of a difference of torques, row by row."""
+    """Return an error component of the difference of two torques, row by row."""
     first, second = np.asarray(one.uncertainty_nm), np.asarray(other.uncertainty_nm)
     if one.place is None or other.place is None:
         return one._replace(uncertainty_nm=first - second)

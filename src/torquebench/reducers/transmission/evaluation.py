@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 LARGEST_ORDERS = 8
 """Number of orders that a result lists."""
 STRONG_SHARE = 0.01
-"""Share of the peak to peak value from which an order that was left out is named."""
+"""Share of the peak to peak value from which on an order above the highest one is reported."""
 
 
 @dataclass(frozen=True)
@@ -281,7 +281,7 @@ def evaluate_transmission_error(
 
 
 def angles_screened(samples: Samples, ratio: float) -> Samples:
-    """Leave out samples at which one of the encoders is far off, seen in their difference."""
+    """Leave out samples at which one of the encoders is an outlier, seen in their difference."""
     error = samples["output_rad"] - samples["input_rad"] / ratio
     bad = _far_off(error, samples["input_rad"], 0.0)
     given, taken = (samples[name][~bad] for name in ("input_rad", "output_rad"))
@@ -294,7 +294,7 @@ def _far_off(
 ) -> NDArray[np.bool_]:
     bad = np.zeros(error.size, dtype=np.bool_)
     for start, stop in one_way(angle):
-        # At a reversal the play makes a jump.
+        # At a reversal the backlash makes a jump.
         inner = slice(start + 3, stop - 2)
         bad[inner] = outliers(error[start : stop + 1], step)[3:-3]
     return bad
@@ -303,7 +303,7 @@ def _far_off(
 def _highest(
     runs: dict[str, Run], ratio: float, stated: float | None
 ) -> tuple[float, list[Finding]]:
-    """Return the highest order: as stated, three times the ratio, or what the samples support."""
+    """Return the highest order: the stated one, three times the ratio, or the supported one."""
     wanted = 3.0 * abs(ratio) if stated is None else stated
     supported = min(highest_supported(run) for run in runs.values())
     if supported >= wanted:
@@ -397,9 +397,9 @@ def _direction(
 
 
 def _count_error(run: Run, step_rad: float, highest: float) -> float:
-    """Return the standard uncertainty by an encoder's counts within the orders, rad.
+    """Return the standard uncertainty of the evaluated orders by an encoder's counts, rad.
 
-    The low-pass averages counts as it does noise, unless they beat slowly with the samples.
+    The low-pass filter averages the counts like noise, unless they beat slowly with the samples.
     """
     if step_rad == 0.0:
         return 0.0
@@ -416,8 +416,8 @@ def _count_error(run: Run, step_rad: float, highest: float) -> float:
 def _between_peaks(found: Revolution, known: AngleUncertainty, ratio: float) -> float:
     """Return the effect of the encoders' errors on max − min, arcsec.
 
-    Errors with a period of one turn differ most between places half a turn of the encoder apart: by
-    2·|sin(Δ/2)| of their standard uncertainty. Other errors contribute √2 of it.
+    An error with a period of one turn contributes 2·|sin(Δ/2)| of its standard uncertainty, Δ being
+    the encoder's angle between both peaks. Other errors contribute √2 of it.
     """
     places = found.angle_rad[[np.argmax(found.error_arcsec), np.argmin(found.error_arcsec)]]
     apart = float(places[0] - places[1])
@@ -439,7 +439,7 @@ def _reversal(means: list[Revolution], known: AngleUncertainty, ratio: float) ->
 
 
 def _cut(means: list[Revolution]) -> list[Finding]:
-    """Name an order above the highest one that changes the peak to peak value."""
+    """Report a strong order above the highest one, which the peak to peak value leaves out."""
     worst = max(means, key=lambda each: each.cut_arcsec)
     noise = worst.noise_arcsec / max(worst.order.size, 1) ** 0.5
     if worst.cut_arcsec <= max(STRONG_SHARE * worst.peak_to_peak_arcsec, 5.0 * noise):

@@ -14,7 +14,7 @@ from torquebench.units import ARCSEC, TURN
 Floats = NDArray[np.float64]
 LEAST_SAMPLES = 720
 PER_PERIOD = 64
-"""Samples in a period of the highest order to which denser records are averaged."""
+"""Samples in a period of the highest order; denser records are averaged to this number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +31,12 @@ class Revolution:
         the part above the highest order.
     noise_freedom : float
     peak_noise_arcsec : float
-        Increase of the peak to peak value by such noise.
+        Increase of the peak to peak value by this noise.
     order, amplitude_arcsec, phase_rad : array of float, shape (m,)
         Spectrum of the mean over all revolutions, up to the highest order.
     amplitude_error_arcsec : array of float, shape (m,)
     mean_rad : float
-        Removed part.
+        The mean that was removed.
     revolutions : int
     cut_order, cut_arcsec : float
         Strongest order above the highest one, as far as the samples show it, and its amplitude.
@@ -84,7 +84,7 @@ def mean_revolution(run: Run, highest_order: float) -> Revolution:
     mean = float(over_output.mean())
     lines = np.fft.rfft((over_output - mean) / ARCSEC)
     order = np.arange(lines.size) / revolutions
-    # A mean over a block reduces changes within it.
+    # The mean over a block attenuates changes within it.
     lines = lines / np.sinc(np.minimum(order * block / TURN, 0.5))
     kept = np.where(order <= highest_order * (1 + 1e-9), lines, 0.0)
     filtered = np.fft.irfft(kept, size).reshape(revolutions, per_turn)
@@ -141,16 +141,16 @@ def _noise(
     shown: float,
     highest_order: float,
 ) -> tuple[float, float, Floats]:
-    """Return the mean curve's standard error, its degrees of freedom, and the error by place.
+    """Return the mean curve's standard error, its degrees of freedom, and the error at each angle.
 
-    Without a second revolution, the part between the highest order and that which the samples show
-    (`shown`) tells the noise.
+    With one revolution, the noise is that of the orders above the highest one that the samples
+    still resolve (up to `shown`).
     """
     revolutions, per_turn = filtered.shape
     if revolutions > 1:
         spread = filtered.std(axis=0, ddof=1) / revolutions**0.5
-        # Neighbouring places have common noise: the filter's bandwidth gives the independent
-        # number.
+        # Neighbouring angles have common noise: the filter's bandwidth gives the number of
+        # independent ones.
         independent = min(2.0 * highest_order, per_turn)
         return (
             float(np.sqrt(np.mean(spread**2))),
@@ -162,17 +162,17 @@ def _noise(
     unknown = np.full(per_turn, np.nan)
     if count == 0:
         return 0.0, np.inf, unknown
-    # The median isn't moved by orders that are left there.
+    # A few orders that remain in this range don't move the median.
     density = float(np.median(np.abs(lines[above]) ** 2)) / np.log(2.0)
     passed = 2.0 * float(np.count_nonzero((order > 0) & (order <= highest_order)))
     return float(np.sqrt(density * passed)) / per_turn, float(2 * count), unknown
 
 
 def _peak_noise(curve: Floats, noise: float) -> float:
-    """Return by how much noise raises the range: the more places are near the peak, the more.
+    """Return by how much noise raises the range, which grows with the number of near-equal peaks.
 
-    For each end, the expected maximum of the competing places (those within two standard
-    deviations of the peak), which is about σ·√(2 ln n) for n independent ones.
+    For each end, it is the expected maximum over the peaks within two standard deviations of the
+    highest, which is about σ·√(2 ln n) for n independent ones.
     """
     if noise <= 0.0:
         return 0.0

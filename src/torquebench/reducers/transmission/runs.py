@@ -1,7 +1,7 @@
 """Cuts a record of two encoders into runs in one direction, and checks ratio, sampling and slip.
 
-The transmission error repeats with the output's turn. So whatever orders it has, the difference
-between two places a turn apart has none of them: what it shows is slip, or a wrong ratio.
+The transmission error repeats with each turn of the output. The difference between two samples one
+turn apart therefore contains none of its orders, only slip or an error of the ratio.
 """
 
 from __future__ import annotations
@@ -22,15 +22,16 @@ Floats = NDArray[np.float64]
 Direction = Literal["clockwise", "counter-clockwise"]
 SAMPLES_PER_PERIOD = 10.0
 COARSE = 0.15
-"""Relative deviation of the ratio between both ends of a run that no error of a gear explains."""
+"""Relative deviation of the ratio over a run above which it is wrong: no transmission error is so
+large."""
 RATIO_TOLERANCE = 1e-3
-"""Relative deviation of the ratio that is reported as one, not as a drift."""
+"""Relative deviation of the ratio that is reported as a wrong ratio, not as a drift."""
 GAP_STEPS = 25.0
-"""A step of the angle that is this much larger than nearly all others is a gap."""
+"""Factor by which a gap exceeds nearly all other steps of the angle."""
 DRIFT_SHARE = 0.05
 LEAST_DRIFT_ARCSEC = 2.0
 SIGNIFICANT = 6.0
-"""Standard errors from which on a difference after a turn counts."""
+"""Standard errors from which on a difference after one turn is significant."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,20 +61,20 @@ class Run:
 
     @property
     def step_rad(self) -> float:
-        """Step between samples that nearly all keep within."""
+        """95 % quantile of the steps between samples."""
         steps = np.diff(self.angle_rad)
         steps = steps[steps > 0.0]
         return float(np.quantile(steps, 0.95)) if steps.size else np.inf
 
     @property
     def turns(self) -> int:
-        """Whole output revolutions; the first sample may be missing at the end of the last."""
+        """Number of whole output revolutions; the last one may lack its final sample."""
         span = float(self.angle_rad[-1] - self.angle_rad[0]) + 1.05 * self.step_rad
         return int(span / TURN + 1e-6)
 
 
 def unwrapped(angle_rad: Floats) -> Floats:
-    """Unwrap an angle that starts again after each revolution, beyond single wild samples.
+    """Unwrap an angle that restarts after each revolution, undisturbed by single outliers.
 
     Examples
     --------
@@ -103,7 +104,7 @@ def unwrapped(angle_rad: Floats) -> Floats:
 
 
 def one_way(angle: Floats) -> list[tuple[int, int]]:
-    """Return first and last samples of the intervals in which an angle has one direction."""
+    """Return the first and last samples of the intervals in which an angle has one direction."""
     steps = np.abs(np.diff(angle))
     gaps = np.flatnonzero(steps > GAP_STEPS * np.quantile(steps, 0.95)) + 1
     found = []
@@ -112,7 +113,7 @@ def one_way(angle: Floats) -> list[tuple[int, int]]:
         if piece.size < 2:
             continue
         for start, stop in pairwise(turning_points(piece).tolist()):
-            # Reversals of a smoothed angle are only near the real ones.
+            # Reversals of a smoothed angle are only close to the real ones.
             part = piece[start : stop + 1] * np.sign(piece[stop] - piece[start])
             if part.any():
                 first, last = int(np.argmin(part)), int(np.argmax(part))
@@ -121,7 +122,7 @@ def one_way(angle: Floats) -> list[tuple[int, int]]:
 
 
 def check_ratio(given: Floats, taken: Floats, ratio: float) -> None:
-    """Refuse angles that turn by another ratio altogether: swapped, reversed, or miscounted."""
+    """Refuse angles of another ratio than stated: swapped, reversed, or miscounted."""
     span_in, span_out = float(np.ptp(given)), float(np.ptp(taken))
     if span_in == 0.0 or span_out == 0.0:
         side = "input" if span_in == 0.0 else "output"
@@ -140,7 +141,7 @@ def check_ratio(given: Floats, taken: Floats, ratio: float) -> None:
     turns = int((out[-1] + step) / TURN)
     if not turns:
         return
-    # Over whole output turns every order comes back: what is left is the ratio, or slip.
+    # Over whole output turns the orders cancel: what remains is the ratio, or slip.
     out = np.maximum.accumulate(out)
     shown = float(np.interp(turns * TURN, out, np.abs(through))) / (turns * TURN)
     if abs(shown / abs(ratio) - 1.0) > RATIO_TOLERANCE:
@@ -179,7 +180,7 @@ def _refuse_ratio(shown: float, ratio: float) -> None:
 
 
 def runs_of(given: Floats, taken: Floats, ratio: float, counted_rad: float = 0.0) -> list[Run]:
-    """Return the runs in one direction, from reversal to reversal of the input or a gap."""
+    """Return the runs in one direction, bounded by reversals of the input and by gaps."""
     shared = given / ratio
     runs = []
     for start, stop in one_way(shared):
@@ -193,7 +194,7 @@ def runs_of(given: Floats, taken: Floats, ratio: float, counted_rad: float = 0.0
 
 
 def highest_supported(run: Run) -> float:
-    """Return the highest order of which each period has ten samples."""
+    """Return the highest order with ten samples in each period."""
     return TURN / run.step_rad / SAMPLES_PER_PERIOD * (1.0 + 1e-6)
 
 
@@ -226,20 +227,20 @@ def check_return(run: Run, ratio: float) -> None:
 
 
 def _after_a_turn(run: Run, ratio: float) -> tuple[Floats, float]:
-    """Return how far the error is off a turn later, in parts, and the standard error of that."""
+    """Return means of the error's difference over one turn, in parts, and their standard error."""
     angle, error = run.angle_rad, run.error_rad
     noise = noise_of(error)
     last = float(angle[-1]) - TURN
     here = np.flatnonzero(angle <= max(last, float(angle[0])))
     later = np.interp(angle[here] + TURN, angle, error) - error[here]
-    if last < float(angle[0]):  # the turn isn't quite closed: continue by the slope at both ends
+    if last < float(angle[0]):  # the turn isn't quite complete: continue by the slope at both ends
         ends = [np.polyfit(angle[part], error[part], 1) for part in (slice(6), slice(-6, None))]
         slope = 0.5 * float(ends[0][0] + ends[1][0])
         gap = float(angle[0]) - last
         later = np.array([float(error[-1] - error[0]) + slope * gap])
         noise = float(np.hypot(noise, abs(ends[0][0] - ends[1][0]) * gap))
     if float(np.ptp(angle[here])) > 1.5 * TURN / abs(ratio) and here.size > 32:
-        # An order of the input isn't one of the output if the ratio isn't whole.
+        # If the ratio isn't an integer, an order of the input isn't one of the output.
         basis = _periodic(angle[here], [abs(ratio), 2.0 * abs(ratio)])
         mean = later.mean()
         later = later - basis @ (basis.T @ (later - mean))
@@ -252,13 +253,13 @@ def _after_a_turn(run: Run, ratio: float) -> tuple[Floats, float]:
 
 
 def _step_or_line(angle: Floats, error: Floats, ratio: float) -> tuple[float, float, float, bool]:
-    """Return the best step, its place, the best line, and whether the step fits better.
+    """Return the best step, its angle, the best line's slope, and whether the step fits better.
 
-    Beside them the error has orders of the output and of the input.
+    Orders of the output and of the input are fitted with them.
     """
     count = min(6144, angle.size)
     pick = np.unique(np.linspace(0, angle.size - 1, count).astype(np.intp))
-    # Means between the picked samples, so that noise doesn't hide a small step.
+    # Average the samples of each block, so that noise doesn't hide a small step.
     edges = np.append(pick[:-1], angle.size)
     weight = np.diff(edges)
     angle = np.add.reduceat(angle, pick[:-1]) / weight
@@ -283,13 +284,13 @@ def _periodic(angle: Floats, orders: list[float]) -> Floats:
 
 
 def _best_step(angle: Floats, rest: Floats, basis: Floats) -> tuple[float, float, float]:
-    """Return the step, the remaining sum of squares and the place, with periodic parts."""
+    """Return the best step beside periodic parts, the remaining sum of squares, and its angle."""
     size = angle.size
-    # Projected step functions: the sums of the basis from each place on.
+    # Project a step at each sample out of the basis, by sums from that sample on.
     tail_basis = np.cumsum(basis[::-1], axis=0)[::-1]
     tail_rest = np.cumsum(rest[::-1])[::-1]
     norm = (size - np.arange(size)) - np.sum(tail_basis**2, axis=1)
-    usable = norm > 1e-3 * size  # a step right at an end isn't one
+    usable = norm > 1e-3 * size  # a step at the very end can't be told
     gain = np.where(usable, tail_rest**2 / np.where(usable, norm, 1.0), 0.0)
     best = int(np.argmax(gain))
     step = float(tail_rest[best] / norm[best]) if usable[best] else 0.0

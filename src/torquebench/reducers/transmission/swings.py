@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 FULL_STROKE = 0.6
-"""Share of the longest stroke from which on another one counts."""
+"""Smallest length of a stroke that counts, as a share of the longest."""
 CENTRAL = 0.25
-"""Part of a stroke on each side in which the play is taken up."""
+"""Share of a stroke at each end in which the backlash is taken up."""
 PARTS = 8
-"""Parts of the middle of a stroke in which the gap is compared."""
+"""Number of parts of a stroke's middle in which the gap is compared."""
 ENDS = 40
-"""Part of the middle of a stroke by which its ends are read."""
+"""The slope of a stroke's middle is read from this fraction of it (1/40) at each end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +205,7 @@ def evaluate_swings(
         BudgetLine("encoders", encoders / ARCMIN, shared=Shared.CALIBRATION),
     ]
     counts = BudgetLine("resolution", step / 6.0**0.5 / ARCMIN)
-    # An error of the output's own angle differs between both directions by the gap.
+    # If the error depends on the output's own angle, it differs between both directions by the gap.
     shifted = BudgetLine("gap at equal output angle", abs(apart) / 3.0**0.5 / ARCMIN)
     lost = _over_strokes(gaps, noise, [*common, counts, shifted])
     if gap < -lost.expanded_uncertainty() * ARCMIN:
@@ -236,7 +236,7 @@ def evaluate_swings(
         )
     bands = [_dead_band(each, gap, noise, step) for each in swings[1:]]
     dead, spacing = (np.array(column) for column in zip(*bands, strict=True))
-    dead = np.minimum(dead, 1.2 * max(gap, 0.0))  # without a gap the output doesn't stand
+    dead = np.minimum(dead, 1.2 * max(gap, 0.0))  # without a gap the output doesn't stop
     sampled = float(np.hypot(step / 6.0**0.5, float(np.mean(spacing)) / 12.0**0.5))
     counts = BudgetLine("resolution", sampled / ARCMIN)
     scale = BudgetLine("ratio", abs(slope - 1.0) * float(dead.mean()) / 3.0**0.5 / ARCMIN)
@@ -247,17 +247,17 @@ def evaluate_swings(
 
 
 def _gaps(swings: tuple[Swing, ...], low: float, high: float) -> Floats:
-    """Return how much more the output lags in each stroke than in the one before."""
+    """Return the gap between each stroke and the one before: how much the output lags."""
     means = np.array([each.mean_error(low, high) for each in swings])
     signs = np.array([-1.0 if each.forward else 1.0 for each in swings[1:]])
     return np.asarray(signs * np.diff(means))
 
 
 def _dead_band(swing: Swing, gap: float, noise: float, step: float) -> tuple[float, float]:
-    """Return the travel after a reversal until the output follows, and the sampling there.
+    """Return the travel after a reversal until the output follows, and the sample spacing there.
 
-    The output stands, then follows by some share of the travel: starts of that line are weighted by
-    how well each fits.
+    The output stands still, then follows along a line. The start is a mean of possible starts of
+    that line, weighted by how well each fits.
     """
     travel = np.abs(swing.angle_rad - swing.angle_rad[0])
     turn = 1.0 if swing.forward else -1.0
@@ -283,7 +283,7 @@ def _dead_band(swing: Swing, gap: float, noise: float, step: float) -> tuple[flo
 
 
 def _mean_slope(swings: tuple[Swing, ...], low: float, high: float) -> float:
-    """Return the mean slope of the error over an interval, from both of its ends."""
+    """Return the mean slope of the error over an interval, from its values at both ends."""
     width = (high - low) / ENDS
     rise = [
         each.mean_error(high - width, high) - each.mean_error(low, low + width) for each in swings
@@ -292,7 +292,7 @@ def _mean_slope(swings: tuple[Swing, ...], low: float, high: float) -> float:
 
 
 def _over_strokes(values: Floats, noise: float, common: Sequence[BudgetLine]) -> Budget:
-    # Neighbouring differences share a stroke: correlations of a half beside the diagonal.
+    # Neighbouring differences share a stroke, so that their correlation is one half.
     count = values.size
     centred = np.eye(count) - 1.0 / count
     alike = np.eye(count) + 0.5 * (np.eye(count, k=1) + np.eye(count, k=-1))
@@ -309,7 +309,7 @@ def _over_strokes(values: Floats, noise: float, common: Sequence[BudgetLine]) ->
 def _slope(
     swings: tuple[Swing, ...], low: float, high: float, ratio: float
 ) -> tuple[float, list[Finding]]:
-    """Return the output's travel per stated travel; name another ratio, refuse quite another."""
+    """Return the output's travel per stated travel; report or refuse a deviating ratio."""
     products = squares = 0.0
     for swing in swings:
         inside = (swing.angle_rad > low) & (swing.angle_rad < high)
