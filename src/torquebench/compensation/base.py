@@ -53,10 +53,11 @@ def _thread_pools() -> ThreadpoolController:
 
 
 def single_blas_thread() -> AbstractContextManager[object]:
-    """Keep linear algebra on one thread: for matrices of some hundred rows more threads only wait.
+    """Run linear algebra on one thread, because small matrices gain nothing from more.
 
-    On two busy cores a fit to 600 points took 2.0 s with BLAS's default and 0.09 s with one.
-    Results don't depend on the number of cores either.
+    With matrices of a few hundred rows, further threads only wait: on two busy cores a fit to 600
+    points took 2.0 s with BLAS's default and 0.09 s with one. One thread also makes results
+    independent of the number of cores.
     """
     limit: AbstractContextManager[object] = _thread_pools().limit(limits=1, user_api="blas")
     return limit
@@ -65,8 +66,8 @@ def single_blas_thread() -> AbstractContextManager[object]:
 FEWEST_POINTS = 5
 """Fewest points from which a curve's discrepancy is estimated."""
 _Result = TypeVar("_Result")
-_ROWS_AT_ONCE = 2048  # bounds a prediction's memory, within the cache
-_NOT_STORED = ("feature_names_in_", "tables_")  # follow from what is stored
+_ROWS_AT_ONCE = 2048  # bounds a prediction's memory to the cache
+_NOT_STORED = ("feature_names_in_", "tables_")  # follow from the stored state
 
 
 class CompensationModel(Estimator, ABC):
@@ -76,8 +77,8 @@ class CompensationModel(Estimator, ABC):
     gives the compensated torque and, on demand, its standard uncertainty.
 
     A subclass declares further parameters by `parameter`, may override the minimum numbers of
-    points and implements `_fit` and `_predict`. They get checked float64 arrays in N·m,
-    sorted by reading (so that a fit doesn't depend on the order of the rows), and scale inside.
+    points and implements `_fit` and `_predict`. Both get checked float64 arrays in N·m, sorted by
+    reading (so that a fit doesn't depend on the order of the rows), and do their own scaling.
     `_fit` sets `effective_parameters_` and `noise_nm_`. All attributes that end in one underscore
     and don't start with one are the model's state: floats, integers, strings, booleans, arrays,
     lists, tuples, dicts with string keys and dataclasses that are registered with `state.storable`.
@@ -85,13 +86,13 @@ class CompensationModel(Estimator, ABC):
     Parameters
     ----------
     range_nm : float, optional
-        Range of the chain in N·m, the full scale (FS). From the data when None. Readings outside
-        the calibrated range are still refused.
+        Range of the chain in N·m, the full scale (FS); by default the largest reading of the data.
+        Readings outside the calibrated range are refused in any case.
     range_margin : float, default 0.02
         Share of the calibrated range by which a reading may lie outside it.
     outliers : {"downweight", "refuse", "keep"}, default "downweight"
-        Treatment of outliers: a warning (`OutlierWarning`) and a standard deviation as large as the
-        deviation, an `InputError`, or no search.
+        Treatment of outliers: warn (`OutlierWarning`) and raise their standard deviation to their
+        deviation, raise `InputError`, or don't search for them.
 
     Attributes
     ----------
@@ -102,13 +103,13 @@ class CompensationModel(Estimator, ABC):
     points_ : int
         Number of calibration points that `fit` was given.
     outliers_ : list of Outlier
-        outliers that were found.
+        Outliers among the points.
     noise_nm_ : float
         Standard deviation of a single calibration point about the model, in N·m.
     effective_parameters_ : float
         Number of parameters that the data determine.
     degrees_of_freedom_ : float
-        Those of `noise_nm_`: points (after averaging) minus effective parameters.
+        Degrees of freedom of `noise_nm_`: points (after averaging) minus effective parameters.
     uncertainty_ : CurveUncertainty or None
         The curve's discrepancy from the truth and the scatter of readings; None for fewer than five
         points, where the covariance of the coefficients is used.
@@ -117,7 +118,7 @@ class CompensationModel(Estimator, ABC):
     -----
     ``predict(X, return_std=True)`` gives the standard uncertainty of the model's curve, which
     `_fit` states as `uncertainty_`; a `FormModel` compares its curve with the hybrid's posterior.
-    The scatter of the single reading that is compensated isn't in it; `single_reading_std` adds it.
+    It doesn't contain the scatter of a single reading; `single_reading_std` adds that.
     """
 
     range_nm: float | None = parameter(None, Between(Real, 0, open_low=True), default=None)
@@ -190,7 +191,7 @@ class CompensationModel(Estimator, ABC):
         return self.fit_curve(X, y, progress)
 
     def fit_curve(self, X: ArrayLike, y: ArrayLike, progress: Progress = NO_PROGRESS) -> Self:
-        """Fit the curve as `fit` does, without its discrepancy: for errors at points left out."""
+        """Fit the curve like `fit`, but without its discrepancy, for cross-validation."""
         self.check_parameters()
         self.uncertainty_, self.tables_ = None, {}
         X_checked, y_checked = self._validated(by_names(X), y)
@@ -272,8 +273,8 @@ class CompensationModel(Estimator, ABC):
         return np.concatenate(self._in_blocks(X, self._curve_uncertainty))
 
     def _completed(self, X: ArrayLike) -> ArrayLike:
-        """Return X with zeros for columns that only the fit uses, if it ends with the branch."""
-        used = {*self.used_features} - {"series"}  # which a fit alone needs
+        """Return X with zeros for columns that only a fit uses, if it ends with the branch."""
+        used = {*self.used_features} - {"series"}  # only a fit uses the series
         needed = 1 + max(map(FEATURES.index, used))
         alone = FEATURES.index("branch") + 1
         if needed <= alone < self.n_features_in_:
@@ -283,7 +284,7 @@ class CompensationModel(Estimator, ABC):
         return by_names(X, self.n_features_in_)
 
     def _in_blocks(self, X: ArrayLike, evaluate: Callable[[FloatArray], _Result]) -> list[_Result]:
-        """Evaluate checked rows in blocks."""
+        """Evaluate checked rows in blocks, and return the joined results."""
         self._require_fit()
         rows = self._validated_rows(self._completed(X))
         self._refuse_outside_range(rows[:, 0])
@@ -323,8 +324,8 @@ class CompensationModel(Estimator, ABC):
     def score(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> float:
         """Return the coefficient of determination R², for scikit-learn's validation.
 
-        Folds without the ends of the range would need torques that `predict` refuses. Here, and
-        only here, the additional torque at the end of the range is held beyond it.
+        Folds without the ends of the range contain readings that `predict` refuses. Beyond the
+        range, this method (and no other) uses the additional torque at its end.
 
         Parameters
         ----------
@@ -362,8 +363,8 @@ class CompensationModel(Estimator, ABC):
     def scatter_at(self, torque_nm: FloatArray) -> FloatArray:
         """Return the standard deviation of single readings at torques in N·m, shape (n,).
 
-        About a curve that can't follow the chain, points scatter by more than a reading does. The
-        form's error is in the curve's uncertainty, so this is the noise about the truth.
+        It is the noise about the true torque. Points scatter more about a curve that can't follow
+        the chain, but that deviation is part of the curve's uncertainty.
         """
         if self.uncertainty_ is None:
             return np.full(torque_nm.shape, self.noise_nm_)
@@ -381,13 +382,13 @@ class CompensationModel(Estimator, ABC):
         """Degrees of freedom of `scatter_at`."""
         if self.uncertainty_ is None:
             return float(self.degrees_of_freedom_)
-        if np.isnan(self.uncertainty_.freedom):  # of version 0.2.0, which took at least 4
+        if np.isnan(self.uncertainty_.freedom):  # version 0.2.0 stored none and used at least 4
             return max(self.degrees_of_freedom_, 4.0)
         return self.uncertainty_.freedom
 
     @property
     def doubtful(self) -> bool:
-        """Whether the model may be worse than the raw reading, so that a fit checks that."""
+        """Whether the model may be worse than the raw reading, so that a fit has to check this."""
         return False
 
     @property
@@ -396,7 +397,7 @@ class CompensationModel(Estimator, ABC):
         return self.kind
 
     def shortcoming(self, left_out_rms_nm: float) -> str:  # noqa: ARG002 # for kinds that know it
-        """Explain errors at held-out points; empty if the kind of model can't."""
+        """Explain large errors at held-out points; empty for kinds that can't explain them."""
         return ""
 
     @property
@@ -473,8 +474,8 @@ class CompensationModel(Estimator, ABC):
         low, high = float(np.min(reading)), float(np.max(reading))
         margin = self.range_margin * self._reached(largest)
         if self.range_nm is not None:
-            # Torque that was never loaded is refused, whatever range is declared: a direction, or
-            # the part of the range above a calibration of small torques.
+            # Torques outside the calibrated readings are refused, whatever range is declared: a
+            # direction that wasn't loaded, or torques above those of the calibration.
             low = -self._reached(-low) if low < -margin else 0.0
             high = self._reached(high) if high > margin else 0.0
         self.reading_low_nm_ = low - margin
@@ -486,7 +487,7 @@ class CompensationModel(Estimator, ABC):
         return max(-self.reading_low_nm_, self.reading_high_nm_) / (1.0 + self.range_margin)
 
     def _reached(self, largest_nm: float) -> float:
-        """Return the largest reading of a direction, N·m: full scale where that was intended."""
+        """Return a direction's largest reading, N·m; full scale if the reading is close to it."""
         within = WHOLE_SHARE <= largest_nm / self.full_scale_nm_ <= 1.0 + self.range_margin
         return self.full_scale_nm_ if within else largest_nm
 

@@ -1,4 +1,4 @@
-"""Checks of calibration points before a fit: refused, reported or down-weighted."""
+"""Checks of calibration points before a fit: points are accepted, refused or down-weighted."""
 
 from __future__ import annotations
 
@@ -60,13 +60,13 @@ class Outlier:
     Attributes
     ----------
     row : int
-        Index of the point in the data handed in, from 0.
+        Index of the point in the given data, from 0.
     series : int
-        Its series (0 where that column isn't given).
+        Series of the point; 0 without that column.
     reading_nm, standard_nm : float
         Readings and standard values, in N·m.
     residual_nm : float
-        Deviation of the standard's value from the one expected from its neighbours, in N·m.
+        Deviation of the standard's value from that of its neighbours, in N·m.
     scatter_nm : float
         Standard deviation of the other points about their neighbours, in N·m.
     """
@@ -94,7 +94,7 @@ class Outlier:
 
 @dataclass(frozen=True)
 class CalibrationPoints:
-    """Checked points with their rows of origin.
+    """Checked points with their row numbers in the given data.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class CalibrationPoints:
     y : float64 array of shape (n,)
         Torque of the standard in N·m.
     rows : int array of shape (n,)
-        Index of each point in the data handed in.
+        Index of each point in the given data.
     """
 
     X: FloatArray
@@ -116,7 +116,7 @@ class CalibrationPoints:
         return self.X[:, 0]
 
     def sorted(self) -> CalibrationPoints:
-        """Return the points in an order that doesn't depend on the order of the rows."""
+        """Return the points in an order that is independent of the order of the rows."""
         columns = [self.y, *(self.X[:, index] for index in reversed(range(self.X.shape[1])))]
         order = np.lexsort(columns)
         return CalibrationPoints(
@@ -183,14 +183,14 @@ def check_points(
 
 
 def point_weights(points: CalibrationPoints, outliers: str) -> tuple[FloatArray, list[Outlier]]:
-    """Weight of every point, with outliers treated as chosen.
+    """Return the weight of every point, and the outliers, treated as requested.
 
     Parameters
     ----------
     points : CalibrationPoints
         Sorted points.
     outliers : {"downweight", "refuse", "keep"}
-        "downweight" warns and takes an outlier's standard deviation as large as its deviation.
+        "downweight" warns and raises an outlier's standard deviation to its deviation.
 
     Returns
     -------
@@ -228,7 +228,7 @@ def point_weights(points: CalibrationPoints, outliers: str) -> tuple[FloatArray,
     )
     for position, point in zip(positions, outlying, strict=True):
         weights[position] = min(1.0, (point.scatter_nm / point.residual_nm) ** 2)
-    # A model divides by weights; a point 10 000 standard deviations off has no influence anyway.
+    # Weights are divisors and can't be 0; a point 10,000 standard deviations away has no influence.
     return np.maximum(weights, 1e-8), outlying
 
 
@@ -351,7 +351,7 @@ def _neighbours(reading: FloatArray, stratum: NDArray[np.intp], maximum: int) ->
 
 
 def _strata(X: FloatArray, used_features: tuple[str, ...]) -> NDArray[np.intp]:
-    """Return the number of the set within which each point may be averaged."""
+    """Return the number of each point's set: only points of one set may be averaged."""
     stratum = np.zeros(X.shape[0], dtype=np.intp)
     for index, name in enumerate(FEATURES[: X.shape[1]]):
         if index == 0 or name not in used_features:
@@ -385,7 +385,8 @@ def _refuse_contradictions(points: CalibrationPoints) -> None:
     for start, stop in zip(starts, np.r_[starts[1:], group.size], strict=True):
         values = points.y[order[start:stop]]
         near_median = np.abs(values - np.median(values)) <= limit
-        # With three or more, a majority identifies the outlier; with two it can't be identified.
+        # With three or more values, a majority identifies the outlier; with two it can't be
+        # identified.
         if values[-1] - values[0] > limit and 2 * np.count_nonzero(near_median) <= values.size + (
             values.size == 2
         ):
@@ -432,7 +433,7 @@ def trend_free(X: FloatArray, y: FloatArray) -> FloatArray:
         columns += [branch * u, branch * u * np.abs(u)]
     basis = np.column_stack(columns)
     weights, before = np.ones_like(u), np.inf
-    for _ in range(12):  # iteratively re-weighted towards least absolute deviations
+    for _ in range(12):  # re-weighted iteratively towards least absolute deviations
         solution = np.linalg.lstsq(basis * weights[:, None], y * weights, rcond=None)[0]
         residual = y - basis @ solution
         scale = float(np.median(np.abs(residual)))
@@ -452,7 +453,7 @@ def _around(index: int, count: int) -> slice:
 
 
 def _against_neighbours(residual: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the median of each point's neighbours, and the point's distance beyond all of them."""
+    """Return the median of each point's neighbours, and the point's distance beyond their range."""
     reach = _NEIGHBOURS_PER_SIDE
     padded = np.pad(residual, reach, constant_values=np.nan)
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1)

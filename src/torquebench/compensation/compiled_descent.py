@@ -1,6 +1,6 @@
-"""Batch gradient descent of a network, compiled: the papers' study runs a thousand of them.
+"""Batch gradient descent of a network, compiled for the papers' study, which runs it many times.
 
-Without Numba, `network_training.descend` does the same by NumPy in twice the time.
+Without Numba, `network_training.descend` does the same with NumPy in twice the time.
 """
 
 from math import factorial

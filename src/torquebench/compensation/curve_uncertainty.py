@@ -2,11 +2,11 @@
 
 The error of a simple form isn't scatter: a parabola through a chain with a loop and ripple has the
 same error at the same reading every time, which the covariance of its coefficients doesn't contain.
-The truth is unknown, but the hybrid model has a posterior of it, which averages over all effects of
-a chain. A model's value m is therefore compared with this posterior. With the truth f distributed
-as N(f̂, s²), the model's error is N(m − f̂, s²), a known bias with a known spread. This is the
-discrepancy of M. C. Kennedy and A. O'Hagan (J. R. Stat. Soc. B 63 (2001) 425-464), conditional on
-the calibration. The model's values don't change.
+The truth is unknown, but the hybrid model gives a posterior distribution of it, averaged over all
+effects of a chain. A model's value m is therefore compared with this posterior. With the truth f
+distributed as N(f̂, s²), the model's error is N(m − f̂, s²), a known bias with a known spread. This
+is the discrepancy of M. C. Kennedy and A. O'Hagan (J. R. Stat. Soc. B 63 (2001) 425-464),
+conditional on the calibration. The model's values don't change.
 
 An uncorrected bias isn't normally distributed: adding its square to the variance (GUM F.2.4.5)
 makes intervals too wide where the bias dominates, as ±1.96 |m − f̂| then covers nearly always. The
@@ -42,10 +42,10 @@ class CurveUncertainty:
     nodes : float64 array of shape (n,)
         Readings as fractions of full scale, growing.
     up, down, unknown : float64 array of shape (n,)
-        Standard uncertainty there, as fractions of full scale; straight in between.
+        Standard uncertainty at the nodes, as fractions of full scale; linear between them.
     scatter : float or float64 array of shape (n,)
         Standard deviation of single readings about the truth by the same posterior, as a fraction
-        of full scale, there or everywhere; NaN where the model's own noise is used.
+        of full scale, at the nodes or at all readings; NaN if the model's own noise is used.
     freedom : float
         Degrees of freedom of the scatter; NaN in models of version 0.2.0.
     """
@@ -83,12 +83,12 @@ class CurveUncertainty:
 
 
 def half_widths(bias: FloatArray, spread: FloatArray) -> FloatArray:
-    """Return half-widths that hold 95 % of equally probable normal distributions each.
+    """Return half-widths that contain 95 % of equally weighted mixtures of normal distributions.
 
     Parameters
     ----------
     bias, spread : float64 array of shape (n, k)
-        Mean and standard deviation of k distributions.
+        Mean and standard deviation of the k distributions in each of n mixtures.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def half_widths(bias: FloatArray, spread: FloatArray) -> FloatArray:
 
 
 def student_widening(freedom: float) -> float:
-    """Return Student's 95 % factor over the normal one: the noise itself is only estimated.
+    """Return Student's 95 % factor over the normal one, because the noise is only estimated.
 
     Parameters
     ----------

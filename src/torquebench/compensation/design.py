@@ -1,10 +1,10 @@
-"""Optimal design: calibration points that lower the predicted uncertainty most.
+"""Optimal design: the calibration points that lower the predicted uncertainty most.
 
-The hybrid's posterior by a first, coarse series predicts how strongly a new point would inform each
-place of the range; the model in use states its present uncertainty there. Points are chosen
-one by one, each the one that lowers the criterion most when all chosen ones are treated as
-measured. This depends on their places only, not on their readings (greedy sequential design; A.
-Krause, A. Singh, C. Guestrin, J. Machine Learning Research 9 (2008) 235-284).
+The hybrid's posterior after a first, coarse series predicts by how much a new point lowers the
+uncertainty at each torque; the model in use states the present uncertainty there. Points are chosen
+one by one: each lowers the criterion most, with all chosen points treated as measured. This depends
+on their torques only, not on their readings (greedy sequential design; A. Krause, A. Singh, C.
+Guestrin, J. Machine Learning Research 9 (2008) 235-284).
 """
 
 from __future__ import annotations
@@ -28,15 +28,16 @@ Criterion = Literal["worst", "integrated"]
 
 _PLACES = 121
 _SHARPNESS = 16
-"""Exponent of the mean that approximates the maximum, which can't distinguish two peaks."""
+"""Exponent of the mean that approximates the maximum smoothly, where two peaks are equally high."""
 
 _MOST = 150
-"""Most points of one proposal: more would rely on predictions that the first ones should check."""
+"""Largest number of points in one proposal: its first points should be measured before more are
+predicted."""
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """Calibration points in an order in which a bench can load them.
+    """Calibration points in the order in which a bench can load them.
 
     Attributes
     ----------
@@ -129,7 +130,7 @@ def propose_points(
     branch = np.repeat([1.0, -1.0], _PLACES)
     process = _Process(range_nm=full_scale, outliers="keep").fit(rows, y)
     posterior, noise_variance = process.covariance(places, branch), process.scatter_nm**2
-    # the posterior gives the reach of a point's information, the model the present uncertainty
+    # the posterior predicts the influence of a point, the model states the present uncertainty
     deviation = _model_deviation(model, rows.shape[1], places, branch)
     scale = deviation / np.sqrt(np.maximum(np.diag(posterior), 1e-18 * full_scale**2))
     posterior *= np.outer(scale, scale)
@@ -162,7 +163,7 @@ def _model_deviation(
 
 
 def _score(variance: FloatArray, criterion: Criterion) -> FloatArray:
-    """Return the criterion to be minimised, for each column of variances over the range."""
+    """Return the criterion to be minimised for each column of variances over the range."""
     if criterion == "integrated":
         return np.asarray(np.mean(variance, axis=0))
     largest = np.max(variance)
@@ -171,13 +172,13 @@ def _score(variance: FloatArray, criterion: Criterion) -> FloatArray:
 
 
 def _uncertainty(variance: FloatArray, criterion: Criterion) -> float:
-    """Return the standard uncertainty from the criterion."""
+    """Return the standard uncertainty that belongs to a value of the criterion."""
     size = np.max(variance) if criterion == "worst" else np.mean(variance)
     return float(np.sqrt(max(size, 0.0)))
 
 
 def _staircase(target: FloatArray, branch: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    """Order points as a bench loads them: each direction rising and falling, clockwise first."""
+    """Order points for loading: clockwise, then counter-clockwise, each rising, then falling."""
     counter_clockwise = target < 0
     size = np.where(branch > 0, np.abs(target), -np.abs(target))
     return np.lexsort((size, -branch, counter_clockwise))

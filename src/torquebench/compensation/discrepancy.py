@@ -29,9 +29,9 @@ __all__ = [
 ]
 
 Values = Callable[[FloatArray, FloatArray], FloatArray]
-"""Additional torque from u and branch, all as fractions of full scale."""
+"""Function from u and branch to the additional torque, all as fractions of full scale."""
 Posterior = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
-"""Mean and standard deviation of the true additional torque from u and branch."""
+"""Function from u and branch to mean and standard deviation of the true additional torque."""
 
 POSTERIOR_POINTS = 200
 """Largest number of points to which the posterior of the truth is fitted; more are averaged."""
@@ -40,14 +40,14 @@ _SAMPLES_PER_NODE = 4
 
 
 class FormModel(CompensationModel):
-    """Base of models of a certain form, whose error isn't scatter.
+    """Base of models of a fixed form, whose deviation from the chain isn't scatter.
 
     `fit` compares the curve with the hybrid's posterior of the truth from the same points, unless
     `_fit` states `uncertainty_` itself.
     """
 
     def fit(self, X: ArrayLike, y: ArrayLike, progress: Progress = NO_PROGRESS) -> Self:
-        """Fit the model to calibration points, and find its curve's discrepancy."""
+        """Fit the model to calibration points, and compute its curve's discrepancy."""
         X = by_names(X)
         self.fit_curve(X, y, progress)
         if self.uncertainty_ is None and self.points_ >= FEWEST_POINTS:
@@ -58,7 +58,7 @@ class FormModel(CompensationModel):
 def fit_posterior(model: CompensationModel, X: ArrayLike, y: ArrayLike) -> HybridModel:
     """Fit the posterior of the truth to the points of a model, with the model's range.
 
-    It gets at least three columns: without a branch, a loop counts as scatter.
+    The points are padded to three columns: without a branch, a loop counts as scatter.
     """
     posterior = HybridModel(
         range_nm=model.range_nm,
@@ -72,21 +72,21 @@ def fit_posterior(model: CompensationModel, X: ArrayLike, y: ArrayLike) -> Hybri
 
 
 def _with_branch(X: FloatArray) -> FloatArray:
-    """Return the columns up to the series at least, filled with zeros."""
+    """Pad the columns with zeros up to the series."""
     return np.pad(X, ((0, 0), (0, max(3 - X.shape[1], 0))))
 
 
 def discrepancy_of(
     model: CompensationModel, posterior: CompensationModel, X: ArrayLike
 ) -> CurveUncertainty:
-    """Return the uncertainty of a fitted curve by a posterior of the same points X."""
+    """Return the uncertainty of a fitted curve, by a posterior of the same points X."""
     X = np.asarray(X, dtype=np.float64)
     scale, width = model.full_scale_nm_, X.shape[1]
     low, high = model.reading_low_nm_, model.reading_high_nm_
     series = float(np.min(feature_column(X, "series")))
 
     def rows(u: FloatArray, branch: FloatArray) -> FloatArray:
-        # u times full scale rounds, and may then exceed the limits
+        # u times full scale is rounded and may then exceed the limits
         full = np.zeros((u.size, max(width, 3)))
         full[:, :3] = features(np.clip(scale * u, low, high), branch, series)
         return full
@@ -131,8 +131,7 @@ def discrepancy(
     branch_aware : bool
         Whether the model's values depend on the branch.
     branches : frozenset of float
-        Branches that the calibration recorded, of +1 and −1: with one of them or none, the others
-        are unknown, and a loop counts as noise.
+        Branches that the calibration recorded (+1, −1). If one is missing, a loop counts as noise.
 
     Returns
     -------
@@ -160,7 +159,8 @@ def discrepancy(
     if not branch_aware:
         both = std(error(0.0, 1.0), error(0.0, -1.0))
         return CurveUncertainty(u[nodes], both, both, both)
-    # Half a loop to either side; the budget needs its standard deviation.
+    # The unknown branch may be half a loop to either side; the budget needs the standard deviation
+    # of that.
     halves = [bias**2 + spread**2 for bias, spread in (error(0.0, 1.0), error(0.0, -1.0))]
     middle = np.sqrt(np.mean(np.concatenate(halves, axis=1), axis=1))
     return CurveUncertainty(u[nodes], std(error(1.0, 1.0)), std(error(-1.0, -1.0)), middle)

@@ -28,7 +28,7 @@ __all__ = ["Between", "Estimator", "Limit", "OneOf", "Truth", "parameter"]
 
 @dataclass(frozen=True)
 class Between:
-    """Numbers between two limits, which belong to it unless it is open there.
+    """Numbers between two limits; a limit is included unless it is open.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Between:
     open_high: bool = False
 
     def allows(self, value: object) -> bool:
-        """Whether a value is one of them."""
+        """Return whether the value is allowed."""
         if not isinstance(value, self.kind) or not isinstance(value, Real):
             return False
         number = float(value)
@@ -62,12 +62,12 @@ class Between:
 
 @dataclass(frozen=True)
 class OneOf:
-    """One of some words."""
+    """A set of allowed words."""
 
     words: frozenset[str]
 
     def allows(self, value: object) -> bool:
-        """Whether a value is one of them."""
+        """Return whether the value is allowed."""
         return isinstance(value, str) and value in self.words
 
     def __str__(self) -> str:
@@ -79,7 +79,7 @@ class Truth:
     """True or False."""
 
     def allows(self, value: object) -> bool:
-        """Whether a value is one of them."""
+        """Return whether the value is allowed."""
         return isinstance(value, (bool, np.bool_))
 
     def __str__(self) -> str:
@@ -87,7 +87,7 @@ class Truth:
 
 
 Limit = Between | OneOf | Truth | None
-"""Type of a parameter's value; None allows None."""
+"""Values that a parameter allows; None allows None."""
 
 
 def parameter(*allowed: Limit, default: object) -> Any:
@@ -107,7 +107,7 @@ def parameter(*allowed: Limit, default: object) -> Any:
 class Estimator:
     """A dataclass of parameters with the methods that scikit-learn calls of an estimator.
 
-    A subclass declares its parameters by `parameter`; they are arguments by name alone.
+    A subclass declares its parameters by `parameter`; they are keyword-only arguments.
     """
 
     n_features_in_: int
@@ -121,7 +121,7 @@ class Estimator:
     points_: int
     uncertainty_: CurveUncertainty | None
     tables_: dict[bool, Any]
-    """Tables of the fitted model, with and without branches, kept by who compiles them."""
+    """Compiled tables of the fitted model, with and without branches."""
     maximum_points: int | None = 2000
     """More points than this are averaged with their neighbours, with a `PointsReducedWarning`."""
 
@@ -139,7 +139,7 @@ class Estimator:
         return {name: getattr(self, name) for name in self.parameter_names()}
 
     def set_params(self, **parameters: Any) -> Self:
-        """Set arguments of the constructor by name; `ValueError` if there is no such one."""
+        """Set arguments of the constructor by name; `ValueError` for an unknown name."""
         for name, value in parameters.items():
             if name not in self.parameter_names():
                 raise ValueError(
@@ -160,7 +160,7 @@ class Estimator:
     def __sklearn_tags__(self) -> Any:
         from sklearn.utils import RegressorTags, Tags, TargetTags
 
-        # scikit-learn's test data vary any column; here only the first is a reading.
+        # scikit-learn's tests vary any column; in these models only the first one is a reading.
         return Tags(
             estimator_type="regressor",
             target_tags=TargetTags(required=True),
@@ -202,7 +202,7 @@ class Estimator:
         columns, values = _array(X, 2), _array(y, 1)
         if columns is not None and values is not None and len(columns) == len(values):
             self.n_features_in_ = columns.shape[1]
-            self.__dict__.pop("feature_names_in_", None)  # of an earlier fit to a frame
+            self.__dict__.pop("feature_names_in_", None)  # left by an earlier fit to a frame
             return columns, values
         with _scikit_learn(_described(X, y), "rows of finite numbers, and as many values"):
             from sklearn.utils.validation import validate_data
@@ -211,7 +211,7 @@ class Estimator:
         return np.asarray(X), np.asarray(y, dtype=np.float64)
 
     def _checked_rows(self, X: ArrayLike) -> FloatArray:
-        """Return as many checked columns as `fit` had; raises `ValueError` likewise."""
+        """Return checked rows with as many columns as `fit` had; raises `ValueError` otherwise."""
         known = getattr(self, "n_features_in_", None)
         columns = _array(X, 2)
         named = "feature_names_in_" in vars(self)
@@ -227,14 +227,14 @@ class Estimator:
 
 @contextmanager
 def _scikit_learn(found: Message, allowed: Message | str) -> Iterator[None]:
-    """Let scikit-learn say what is wrong with an argument; without it, say it shorter."""
+    """Let scikit-learn report a wrong argument; without scikit-learn, report it briefly."""
     try:
         yield
     except ModuleNotFoundError as error:
         if error.name is None or not error.name.startswith("sklearn"):
             raise
         raise InputError(
-            found, allowed, "pip install 'torquebench[notebook]' has more of what is wrong said"
+            found, allowed, "pip install 'torquebench[notebook]' gives a more detailed message"
         ) from error
 
 
@@ -244,7 +244,7 @@ def _described(*arguments: ArrayLike) -> Message:
 
 
 def _array(values: ArrayLike, dimensions: int) -> FloatArray | None:
-    """Return values as a non-empty array of finite float64, None if they aren't such."""
+    """Return values as a non-empty array of finite float64, or None if that isn't possible."""
     if _plain(values, dimensions):
         return values
     if not isinstance(values, list | tuple | np.ndarray):
@@ -260,7 +260,7 @@ def _array(values: ArrayLike, dimensions: int) -> FloatArray | None:
 
 
 def _plain(values: ArrayLike, dimensions: int) -> TypeGuard[FloatArray]:
-    """Return whether values are a non-empty array of finite float64."""
+    """Return whether values already are a non-empty array of finite float64."""
     return (
         type(values) is np.ndarray
         and values.dtype == np.float64

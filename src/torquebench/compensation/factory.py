@@ -24,7 +24,7 @@ def make_model(name: str, **parameters: Any) -> CompensationModel:
         One of `MODELS`; "polynomial-3" is short for a polynomial of degree 3, "bayesian-network"
         and "published-network" for the network by its training.
     **parameters
-        The model's own parameters.
+        Parameters of that kind of model.
 
     Returns
     -------
@@ -73,7 +73,7 @@ def model_from_state(state: dict[str, Any]) -> CompensationModel:
     InputError
         When the kind isn't known or the state isn't complete.
     ModelMismatchError
-        A model of 0.2.0 whose kind or inference this version no longer has.
+        A model of 0.2.0, of a kind or inference that was removed since.
     """
     kind = str(state.get("kind"))
     if kind not in {*MODELS, *NETWORKS, *_GONE}:
@@ -105,7 +105,7 @@ _COVARIANCES = (
 
 
 def _of_0_2_0(state: dict[str, Any]) -> dict[str, Any]:
-    """Return the state of a model that 0.2.0 wrote as this version has it."""
+    """Convert the state of a model written by 0.2.0 to the form of this version."""
     kind, fitted = state["kind"], dict(state["fitted"])
     fitted["uncertainty_"] = state.get("discrepancy")
     if (

@@ -1,7 +1,7 @@
 """Hysteresis with memory: the branch of a live reading follows from the readings before it.
 
-A reading that reverses in mid-range is on neither branch of the calibrated loop. Its place
-between them follows from the state of play (backlash) operators of several widths w, which the
+After a reversal in mid-range, a reading is on neither branch of the calibrated loop. Its position
+between them follows from the states of play (backlash) operators of several widths w, which the
 readings move:
 
     p ← max(x − w, min(x + w, p)),    s = (x − p) / w  in [−1, 1]
@@ -15,7 +15,7 @@ direction doesn't contain) the loop's own amplitude. An unknown initial state is
 states, which closes as the history becomes known: the operators keep their order.
 
 A calibrated loop determines the operators' weights poorly, and says nothing of loops that were
-never measured. The place within the loop is therefore also computed with equal weights, and the
+never measured. The position within the loop is therefore also computed with equal weights, and the
 difference counts as an uncertainty; beyond the loop the whole amplitude is uncertain.
 """
 
@@ -68,20 +68,20 @@ _AT_ONCE = 1 << 14
 """Readings whose states are in memory at once."""
 
 _ONE_BY_ONE = 48
-"""Readings up to which one after the other is faster than in chunks side by side."""
+"""Up to this number of readings, a loop over readings is faster than parallel chunks."""
 
 
 def _follow(reading: FloatArray, operators: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Move the play operators along the readings, and return the bounds of the state at each.
+    """Move the play operators along the readings, and return the state's bounds at each reading.
 
-    The rows of `operators` are widths, weights, and the lower and upper bounds of their places.
+    The rows of `operators` are widths, weights, and the lower and upper bounds of their positions.
     """
     widths, weights, bounds = operators[0], operators[1], operators[2:]
     states = np.empty((2, reading.size))
     for start in range(0, reading.size, _AT_ONCE):
         part = reading[start : start + _AT_ONCE]
         columns, places = _places(part, widths, bounds)
-        if columns.shape[1] == 1:  # all terms at once; `accumulate` adds them one by one
+        if columns.shape[1] == 1:  # compute all terms at once; `accumulate` adds them one by one
             terms = weights[:, None] * (columns[:, :, None] - places[..., 0]) / widths[:, None]
             state = np.add.accumulate(terms, axis=1)[:, -1, :, None]
         else:
@@ -96,23 +96,24 @@ def _follow(reading: FloatArray, operators: FloatArray) -> tuple[FloatArray, Flo
 
 
 def _in_a_row(columns: FloatArray) -> FloatArray:
-    """Return values of shape (2, n) of columns of shape (length, 2, chunks)."""
+    """Reshape columns of chunks (length, 2, chunks) to rows of readings (2, n)."""
     return columns.transpose(1, 2, 0).reshape(2, -1)
 
 
 def _places(
     reading: FloatArray, widths: FloatArray, start: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return readings, and the places of play operators from two starts, in columns of chunks.
+    """Return readings and play positions from two starts, both in columns of chunks.
 
-    A reading clamps a place between its own value less and plus the width. Clamps in a row are one
-    clamp, so that chunks of readings are followed side by side: the clamp of every chunk is
-    composed, and the place at its start found. The bits are those of one reading after the other.
+    A reading clamps a position to its own value ± the width. Successive clamps combine to one
+    clamp, so that chunks of readings are evaluated in parallel: the clamps of each chunk are
+    combined, which gives the position at its start. The results equal those of a loop over readings
+    bit by bit.
 
     Parameters
     ----------
     reading : float64 array of shape (n,)
-        At least one; the last chunk is filled up with the last reading, which moves nothing.
+        At least one; the last reading fills up the last chunk, which doesn't move the operators.
     widths : float64 array of shape (j,)
     start : float64 array of shape (2, j)
 
@@ -156,7 +157,8 @@ class HysteresisOperator:
     weights : float64 array of shape (j,)
         Shares of the play operators, adding up to 1.
     amplitude_nm : float
-        Compensated torque after a long rise less that half-way, at the same reading.
+        Half the loop: compensated torque after a long rise, less the middle of the loop, at the
+        same reading.
     path_nm : float64 array of shape (k,)
         Turning points of the calibration's path; the last pass over a reading counts.
     full_scale_nm : float
@@ -210,10 +212,10 @@ class HysteresisOperator:
     def from_table(
         cls, table: CompensationTable, path_nm: ArrayLike | None = None
     ) -> HysteresisOperator:
-        """Fit the play operators' loop along the calibration's path to the model's.
+        """Fit the play operators so that their loop along the calibration's path is the model's.
 
-        The widths are the generic ones; their weights follow from how the model's two branches
-        part and meet (non-negative least squares).
+        The widths are the generic ones; their weights follow from the distance of the model's two
+        branches over the range (non-negative least squares).
 
         Parameters
         ----------
@@ -254,9 +256,10 @@ class HysteresisOperator:
 
     def _weighted(self, parts: FloatArray, loop: FloatArray) -> HysteresisOperator:
         """Fit the operators' weights, smooth over the widths, to a loop."""
-        from scipy.optimize import nnls  # imported late: a chain without loops doesn't need it
+        from scipy.optimize import nnls  # imported late: a chain without loops doesn't need SciPy
 
-        # neighbouring widths have similar weights: without that, noise would select single widths
+        # weights of neighbouring widths are kept similar: otherwise noise would select single
+        # widths
         bend = np.diff(np.eye(parts.shape[1]), 2, axis=0)
         scale = float(np.sqrt(np.sum(parts**2) / parts.shape[1]))
         rows = [np.vstack([sign * parts, scale * bend]) for sign in (1.0, -1.0)]
@@ -285,10 +288,10 @@ class HysteresisOperator:
 
     @cached_property
     def reference(self) -> FloatArray:
-        """Readings, and the states that the calibration passed there, falling and rising."""
+        """Readings, and the states of the calibration at each, falling and rising."""
         falling, rising = np.full((2, self._grid.size), np.nan)
         tracker = self.tracker()
-        # a calibration starts at rest, with the operators in the middle
+        # a calibration starts at rest, with all operators in their middle positions
         tracker.settle(float(self.path_nm[0]))
         for start, stop in zip(self.path_nm[:-1], self.path_nm[1:], strict=True):
             low, high = min(start, stop), max(start, stop)
@@ -330,26 +333,26 @@ class BranchTracker:
         self.forget()
 
     def forget(self) -> None:
-        """Take the past as unknown, as after a gap in the readings or with another mounting.
+        """Forget the past, as after a gap in the readings or after another mounting.
 
-        Limited by full scale only: no operator is farther out than full scale less its width.
+        Only full scale limits the operators: none is farther out than full scale less its width.
         """
         largest = max(self.operator.full_scale_nm, float(np.max(np.abs(self.operator.path_nm))))
         self._operators[3] = np.maximum(largest - self._operators[0], 0.0)
         self._operators[2] = -self._operators[3]
 
     def settle(self, reading_nm: float) -> None:
-        """Start from a demagnetised state at a reading: every operator in its middle."""
+        """Start from a demagnetised state: every operator in its middle at a reading."""
         self._operators[2:] = reading_nm
 
     def copy(self) -> BranchTracker:
-        """Return another tracker in the same state."""
+        """Return a second tracker in the same state."""
         other = BranchTracker(self.operator)
         other._operators = self._operators.copy()
         return other
 
     def push(self, reading_nm: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Move along the next readings of the stream.
+        """Update the state with the next readings of the stream.
 
         Parameters
         ----------
@@ -388,7 +391,7 @@ class LiveTorque(NamedTuple):
     torque_nm : float64 array of shape (n,)
         Compensated torque.
     coordinate : float64 array of shape (n,)
-        Place in the calibrated loop: +1 rising curve, -1 falling curve.
+        Position in the calibrated loop: +1 rising curve, -1 falling curve.
     half_width_nm : float64 array of shape (n,)
         Root sum of squares of half the interval due to the unknown part of the past, the influence
         of the play operators' weights within the calibrated loop, and the uncertainty beyond it; 0
@@ -399,7 +402,8 @@ class LiveTorque(NamedTuple):
     standard_uncertainty_nm : float64 array of shape (n,)
         Root sum of squares of `curve_uncertainty_nm` and of `half_width_nm` / √3.
     curve_uncertainty_nm : float64 array of shape (n,)
-        The model's own at this place of the loop; 0 for a table without uncertainty.
+        Standard uncertainty of the model at this position of the loop; 0 for a table without
+        uncertainty.
     middle_nm : float64 array of shape (n,)
         Torque half-way between the two curves of the calibrated loop.
     """
@@ -431,14 +435,14 @@ class _State(NamedTuple):
 
 
 class HistoryCompensator:
-    """Compensates a stream of readings by a branch-aware table and the readings' own history.
+    """Compensate a stream of readings by a branch-aware table and the history of the readings.
 
     Parameters
     ----------
     table : CompensationTable
         Compiled model.
     operator : HysteresisOperator, optional
-        From the table itself where not given.
+        Play operators; fitted to the table by default.
     """
 
     def __init__(
@@ -451,7 +455,7 @@ class HistoryCompensator:
         self._even_tracker = self._even.tracker()
 
     def copy(self) -> HistoryCompensator:
-        """Return another compensator in the same state."""
+        """Return a second compensator in the same state."""
         other = copy(self)
         other.tracker, other._even_tracker = self.tracker.copy(), self._even_tracker.copy()
         return other
@@ -496,7 +500,7 @@ class HistoryCompensator:
         std: FloatArray,
         fault: NDArray[np.bool_],
     ) -> LiveTorque:
-        """Return the torque between the loop's curves; `torque` has the rising one first."""
+        """Return the torque between the loop's two curves; `torque` has the rising one first."""
         rising, falling = torque
         amplitude, amplitude_std = self.operator.amplitude_nm, self.operator.amplitude_std_nm
         width = np.maximum(state.rising - state.falling, 1e-9)
@@ -540,7 +544,7 @@ def _rising_and_falling(
 
 
 def _filled(wanted: FloatArray, other: FloatArray) -> FloatArray:
-    """Fill readings never passed in one direction from the other, then from neighbours."""
+    """Fill values missing in one direction from the other direction, then from neighbours."""
     result = np.where(np.isnan(wanted), other, wanted)
     known = np.flatnonzero(~np.isnan(result))
     return np.asarray(np.interp(np.arange(result.size), known, result[known]), dtype=np.float64)

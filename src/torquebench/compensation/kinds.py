@@ -16,9 +16,9 @@ __all__ = ["MODELS", "MODEL_NAMES", "NETWORKS", "check_kind", "parsed_kind", "re
 
 
 class _Kinds(Mapping[str, "type[CompensationModel]"]):
-    """Kinds by name; a class is imported at its first use.
+    """Mapping from names to kinds of models; a class is imported at its first use.
 
-    Each kind's module has its name, such as "radial-basis" in `radial_basis`.
+    The module of a kind has the same name: `radial_basis` for "radial-basis".
     """
 
     def __init__(self, *kinds: str) -> None:
@@ -48,7 +48,7 @@ MODELS = _Kinds("hybrid", "network", "polynomial", "radial-basis")
 """All kinds of models by their name in model files."""
 
 NETWORKS = {"bayesian-network": "levenberg-marquardt", "published-network": "gradient-descent"}
-"""Names of the network by its training."""
+"""Names of the networks, and the training that each stands for."""
 
 MODEL_NAMES = (*MODELS, *NETWORKS, *(f"polynomial-{degree}" for degree in range(1, 31)))
 """All names that `make_model` takes."""
@@ -57,7 +57,7 @@ _Model = TypeVar("_Model", bound="type[CompensationModel]")
 
 
 def register(kind: str) -> Callable[[_Model], _Model]:
-    """Enter a class into `MODELS` under its name.
+    """Return a decorator that enters a class into `MODELS` under a name.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def register(kind: str) -> Callable[[_Model], _Model]:
 
 
 def check_kind(name: str) -> str:
-    """Return the name of a model after checking that this kind exists; nothing is imported.
+    """Return the name of a model if this kind exists, without importing it.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def check_kind(name: str) -> str:
 
 
 def parsed_kind(name: str) -> tuple[str, dict[str, Any]]:
-    """Return the kind that a name means, and the parameters that are part of the name.
+    """Return the kind of a name, and the parameters that the name contains.
 
     Examples
     --------

@@ -33,7 +33,7 @@ FORMAT_VERSION = 1
 
 @dataclass(frozen=True)
 class ReadingScale:
-    """Unit that readings come in: another one of torque, a signal, a force or a mass.
+    """Unit of the readings: another unit of torque, or one of a signal, force or mass.
 
     A reading times `nm_per_unit` plus `offset_nm` is a torque in N·m.
 
@@ -61,12 +61,12 @@ class ReadingScale:
 
     @property
     def is_torque(self) -> bool:
-        """Whether any other unit of torque is as good."""
+        """Whether the readings are torques, so that any other unit of torque can replace theirs."""
         return not self.stated
 
     @property
     def formula(self) -> str:
-        """The conversion in words.
+        """Conversion to N·m as a formula.
 
         Examples
         --------
@@ -79,7 +79,7 @@ class ReadingScale:
 
     @property
     def text(self) -> str:
-        """All of it, as `of_text` reads it."""
+        """Unit and conversion as one text, which `of_text` reads."""
         return f"{self.unit}; {self.nm_per_unit!r}; {self.offset_nm!r}; {self.stated}"
 
     @classmethod
@@ -112,19 +112,19 @@ class Provenance:
     created : str
         Time of the fit, ISO 8601 with offset.
     calibrated_on : str
-        Day of the calibration, ISO 8601; "" if unknown. The age of the calibration counts from it,
-        whenever a model is fitted to it.
+        Day of the calibration, ISO 8601; "" if unknown. The age of the calibration counts from this
+        day, not from the day of the fit.
     unit : str
         Unit of readings and torques inside the model.
     reading_scale : str
-        Unit that the calibration's readings came in, as `ReadingScale.text`; "" for N·m.
+        Unit of the calibration's readings, as `ReadingScale.text`; "" for N·m.
     effects : tuple of mapping
         Effects of the measuring chain, as stored by `torquebench.chain`.
     contradictions : tuple of str
-        Contradictions of the calibration with itself, this model or the previous one; empty for a
-        plausible one.
+        Contradictions within the calibration, or with this or the previous model; empty if it is
+        plausible.
     accepted : str
-        Person and reason if it is used nevertheless, otherwise "".
+        Who accepted the contradictions and why; "" if nobody did.
     """
 
     range_nm: float
@@ -158,7 +158,7 @@ class StoredModel:
 
     @property
     def scale(self) -> ReadingScale | None:
-        """Unit that the readings of the calibration came in; None for N·m."""
+        """Unit of the calibration's readings; None for N·m."""
         text = self.provenance.reading_scale
         return ReadingScale.of_text(text) if text else None
 
@@ -168,12 +168,12 @@ class StoredModel:
         counter_identity: str | None = None,
         range_nm: float | None = None,
     ) -> None:
-        """Refuse the use with another transducer, counter or range than those of the model.
+        """Refuse another transducer, counter or range than those of the model.
 
         Parameters
         ----------
         transducer_serial, counter_identity : str, optional
-            The bench's values; None omits it.
+            Serial number and identity on the bench; None skips the check.
         range_nm : float, optional
             Range that is to be measured in N·m; at most the calibrated one.
 
@@ -218,11 +218,11 @@ def save_model(path: str | Path, stored: StoredModel, *, private: bool = False) 
     Parameters
     ----------
     path : str or Path
-        Where to; an existing file is replaced.
+        File to be written; an existing file is replaced.
     stored : StoredModel
         Fitted model with its provenance.
     private : bool
-        Whether a new file is its owner's alone.
+        Whether only its owner may read a new file.
 
     Returns
     -------
@@ -337,6 +337,6 @@ def _content(stored: StoredModel) -> dict[str, Any]:
 
 
 def _checksum(content: Mapping[str, Any]) -> str:
-    """Hash the content independently of layout and order of keys."""
+    """Return a hash of the content that is independent of layout and order of keys."""
     canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     return hashlib.sha256(canonical.encode("ascii")).hexdigest()

@@ -1,4 +1,4 @@
-"""The source papers' network 1-50-1, by its published training or by a Bayesian one."""
+"""The source papers' network 1-50-1, with its published or a Bayesian training."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from torquebench.progress import SHARES, Progress
 __all__ = ["NetworkModel"]
 
 _NEGLIGIBLE_EVIDENCE = -20.0  # nats below the best start
-_START_SIZES = (1.0, 0.25)  # in units of Nguyen and Widrow's: from fine to smooth
+_START_SIZES = (1.0, 0.25)  # in units of Nguyen and Widrow's start: from fine to smooth
 _MATLAB_ACTIVE_HALF_SPAN = 2.0
 _CURVE_EPOCHS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 _EPOCHS_PER_POINT = 500
@@ -45,9 +45,9 @@ class NetworkModel(FormModel):
     """The source papers' back-propagation network 1-50-1 (tanh, linear).
 
     As published it is trained by batch gradient descent on the mean square error, for comparison.
-    The articles give neither learning rate nor epochs nor start, and the result depends on the
-    start: from the usual Nguyen-Widrow weights it doesn't become smooth between the points, from
-    small weights it does, slowly. The default training is Levenberg-Marquardt with Bayesian
+    The articles state neither learning rate nor epochs nor start, and the result depends on the
+    start: from the usual Nguyen-Widrow weights the curve doesn't become smooth between the points,
+    from small weights it does so slowly. The default training is Levenberg-Marquardt with Bayesian
     regularisation from a few starts of different smoothness, averaged by their evidence: the
     effective number of parameters is inferred, and more neurons than points do no harm.
 
@@ -57,8 +57,8 @@ class NetworkModel(FormModel):
     mapping : {"residual", "direct"}, default "residual"
         Output is the additional torque (2021 article) or the standard torque (2022 article).
     start : {"nguyen-widrow", "small-uniform"}, default "nguyen-widrow"
-        Start weights as MATLAB's initnw draws them, or evenly within ±0.5. Levenberg-Marquardt
-        takes Nguyen and Widrow's size of the input weights down to a quarter of it.
+        Start weights as MATLAB's initnw draws them, or evenly within ±0.5. Levenberg-Marquardt uses
+        input weights from Nguyen and Widrow's size down to a quarter of it.
     hidden : int, default 50
         Hidden neurons.
     random_state : int, default 0
@@ -85,7 +85,7 @@ class NetworkModel(FormModel):
     networks_ : list of NetworkParameters
         The trained networks, in scaled input and output.
     shares_ : float64 array
-        Share of each, in proportion to its evidence.
+        Share of each network, in proportion to its evidence.
     training_rms_nm_ : float
         Root mean square of the residuals, in N·m.
     training_curve_ : float64[n, 2]
@@ -128,8 +128,8 @@ class NetworkModel(FormModel):
     complexity: ClassVar[int] = 30
     maximum_points = 600
     way: dict[int, NetworkParameters] | None = None
-    """Networks of a gradient descent by epoch, if several trainings share one: of the same points,
-    start and learning rate, they differ only in where they end.
+    """Networks of one gradient descent by epoch, which several trainings of the same points, start
+    and learning rate share: they differ only in the epoch at which they end.
     """
 
     @property
@@ -139,7 +139,7 @@ class NetworkModel(FormModel):
 
     @property
     def name(self) -> str:
-        """The name of its training, as `make_model` takes it."""
+        """Name of the training, as `make_model` takes it."""
         return next(name for name, training in NETWORKS.items() if training == self.training)
 
     @property
@@ -167,7 +167,7 @@ class NetworkModel(FormModel):
     def _fit_bayesian(
         self, x: FloatArray, target: FloatArray, weights: FloatArray, progress: Progress
     ) -> tuple[float, float]:
-        """Return the number of parameters that the points determine, and the noise variance."""
+        """Train by Levenberg-Marquardt; return effective parameters and noise variance."""
         members = []
         for done, start in enumerate(self._starts(), 1):
             members.append(train_member(x, target, weights, start, self.iterations, self.tolerance))
@@ -199,7 +199,7 @@ class NetworkModel(FormModel):
     def _fit_descent(
         self, x: FloatArray, target: FloatArray, weights: FloatArray, progress: Progress
     ) -> tuple[float, float]:
-        """Return the number of parameters that the points determine, and the noise variance."""
+        """Train by gradient descent; return effective parameters and noise variance."""
         mean_weight = float(np.mean(weights))
         weights = weights / mean_weight
         (start,) = self._starts()
@@ -237,14 +237,17 @@ class NetworkModel(FormModel):
         self.training_curve_ = np.array(curve)
         residual = target - network_values(network, x)
         determined, noise_variance = determined_parameters(network, start, x, residual, weights)
-        return determined, mean_weight * noise_variance  # of one point; bins hold several
+        return (
+            determined,
+            mean_weight * noise_variance,
+        )  # of one point; bins hold several
 
     def _rms_nm(self, residual: FloatArray, weights: FloatArray) -> float:
         mean_square = np.mean(weights * residual**2) / np.mean(weights)
         return float(np.sqrt(mean_square) * self.output_scaling_.half_span)
 
     def shortcoming(self, left_out_rms_nm: float) -> str:
-        """State whether the start or the number of epochs causes errors at held-out points."""
+        """Explain errors at held-out points by the start or by the number of epochs."""
         if self.training != _DESCENT:
             return ""
         unstated = "the articles state neither start nor epochs"

@@ -35,7 +35,7 @@ __all__ = [
 
 GROUPS = ("input weights", "hidden biases", "output weights and bias")
 """Groups of parameters with a common prior precision."""
-_FIRST_DAMPING = 10.0  # times the precisions: keeps the first steps close to the start
+_FIRST_DAMPING = 10.0  # factor on the precisions that keeps the first steps close to the start
 _LARGEST_DAMPING = 1e10
 _LEAST_NOISE_VARIANCE = 1e-12  # in scaled units: avoids division by zero for data without noise
 
@@ -104,7 +104,7 @@ class NetworkParameters:
 
     @classmethod
     def from_flat(cls, flat: FloatArray) -> NetworkParameters:
-        """Undo `flat`."""
+        """Rebuild the parameters from `flat`."""
         hidden = (flat.size - 1) // 3
         return cls(
             flat[:hidden].copy(),
@@ -211,8 +211,8 @@ def jacobian(
 def tangent_kernels(parameters: NetworkParameters, x: FloatArray, hidden: FloatArray) -> FloatArray:
     """Return J_g J_gᵀ of each group of parameters, without forming J.
 
-    One input makes the first two share one product: rows of the input weights' part are those of
-    the hidden biases' part times x.
+    With one input, the first two groups share a product: rows of the input weights' part are those
+    of the hidden biases' part times x.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ def tangent_kernels(parameters: NetworkParameters, x: FloatArray, hidden: FloatA
 
 
 def rounding(diagonal: FloatArray) -> float:
-    """Return a matrix's rounding error by its diagonal, which keeps it positive definite."""
+    """Return a diagonal term above a matrix's rounding errors, which keeps it positive definite."""
     return float(4.0 * diagonal.size * np.finfo(np.float64).eps * np.max(diagonal))
 
 
@@ -254,7 +254,7 @@ def descend(
     hidden = network.input_weights.size
     try:
         from torquebench.compensation.compiled_descent import descend as compiled
-    except ModuleNotFoundError:  # no Numba
+    except ModuleNotFoundError:  # Numba isn't installed
         _descend(flat, x, target, weights, rate, epochs)
     else:
         parts = flat[:hidden], flat[hidden : 2 * hidden], flat[2 * hidden : -1]
@@ -270,7 +270,7 @@ def _descend(
     rate: float,
     epochs: int,
 ) -> None:
-    """Change a network's parameters as `compiled_descent.descend` does."""
+    """Change a network's parameters in place, as `compiled_descent.descend` does."""
     hidden = (flat.size - 1) // 3
     first, second = flat[: 2 * hidden].reshape(2, hidden), flat[2 * hidden : -1]
     inputs = np.stack((x, np.ones_like(x)), axis=1)
@@ -300,10 +300,10 @@ def determined_parameters(
     residual: FloatArray,
     weights: FloatArray,
 ) -> tuple[float, float]:
-    """Return how many parameters the points determine, and the noise variance of one of them.
+    """Return the effective number of parameters, and the noise variance of a point of weight 1.
 
-    By MacKay's rules on the linearised network, with the weights' change as a measure of their
-    prior variance.
+    MacKay's rules are applied to the linearised network, with the change of the weights since the
+    start as a measure of their prior variance.
     """
     J = jacobian(network, x) * np.sqrt(weights)[:, None]
     values = np.maximum(np.linalg.eigvalsh(J @ J.T if x.size < J.shape[1] else J.T @ J), 0.0)
@@ -349,7 +349,7 @@ class NetworkMember:
 
 
 class _Problem:
-    """State at the current weights for the next step and the evidence.
+    """Errors and derivatives at the current weights, for the next step and for the evidence.
 
     With fewer points n than parameters p the systems are solved in n dimensions (Woodbury) with
     the tangent kernels J_g J_gᵀ, else in p dimensions with the Gauss-Newton Hessian.

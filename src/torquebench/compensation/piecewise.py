@@ -21,7 +21,7 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 
 Curve = Callable[[FloatArray, int], FloatArray]
-"""Value in N·m at readings of shape (n,) on a branch -1, 0 or +1."""
+"""Function from readings, shape (n,), and a branch -1, 0 or +1 to a value in N·m."""
 
 BRANCHES = (-1, 0, 1)
 """Order of the branches in `PiecewisePolynomial.coefficients`."""
@@ -36,34 +36,37 @@ LARGEST = _POLICY[-1][1]
 
 _FIRST_INTERVALS = 128
 _NEAR = 0.02
-"""Share of full scale around zero with narrower intervals, as the torque reverses there."""
+"""Share of full scale on each side of zero with narrower intervals, as curves bend at the
+reversal."""
 
 _CHECKS = {1: 5, 3: 9}
 """Number of evenly spaced points at which an interval's deviation is checked, by degree."""
 
 _NODES = {1: (0, 4), 3: (0, 2, 6, 8)}
-"""Those points at which polynomial and curve agree: the Chebyshev-Lobatto points."""
+"""Check points at which polynomial and curve are equal: the Chebyshev-Lobatto points."""
 
 _MODEL_ROWS = 1 << 15
-"""Number of readings evaluated at once: a Gaussian process needs a matrix of them and its points.
+"""Largest number of readings evaluated at once: a Gaussian process needs a matrix of readings ×
+points.
 """
 
 _BESIDE_ZERO = 1e-12
-"""Distance from zero, in full scales, at which the limit at a reversal is evaluated."""
+"""Distance from zero, in full scales, at which the limit at the reversal is evaluated."""
 
 
 _BLOCK = 4096
-"""Readings that are evaluated at once: they fit the second-level cache."""
+"""Readings evaluated at once: they fit the second-level cache."""
 
 
 @dataclass(frozen=True)
 class PiecewisePolynomial:
-    """Polynomials of one degree on the intervals of a grid, one set a branch.
+    """Polynomials of one degree on the intervals of a grid, one set for each branch.
 
     Attributes
     ----------
     coefficients : float64 array of shape (3, intervals, degree + 1)
-        For the branches -1, 0, +1: powers of the place in an interval, -0.5 to 0.5.
+        For the branches -1, 0, +1: coefficients of powers of the position in an interval, -0.5 to
+        0.5.
     scale : float
         Intervals per N·m.
     zero : float
@@ -76,7 +79,7 @@ class PiecewisePolynomial:
     low, high : float
         Limits of the reading in N·m.
     gain : float
-        1 where the reading itself is added to the polynomial, else 0.
+        1 if the reading itself is added to the polynomial, else 0.
     bound : float
         Bound of the deviation from the curve in N·m; see `approximate`.
     branch_aware : bool
@@ -116,7 +119,7 @@ class PiecewisePolynomial:
         Parameters
         ----------
         reading : float64 array of shape (n,), C-contiguous
-            Readings in N·m. Beyond the limits the polynomial is taken at the limit.
+            Readings in N·m. Beyond the limits the value at the limit is returned.
         branch : int8 array of shape (n,), or None
             -1, 0 or +1; None takes 0 for all.
         out : float64 array of shape (n,), C-contiguous
@@ -134,7 +137,9 @@ class PiecewisePolynomial:
         for start in range(0, reading.size, _BLOCK):
             block = slice(start, start + _BLOCK)
             value = reading[block]
-            held = np.fmin(np.fmax(value, self.low), self.high)  # NaN gets the lower limit's place
+            held = np.fmin(
+                np.fmax(value, self.low), self.high
+            )  # NaN gets the position of the lower limit
             outside += int(np.count_nonzero(held != value))
             central = np.minimum(np.maximum(held, -self.near), self.near)
             location = held * self.scale + (central * self.extra + self.zero) + 0.5
@@ -147,7 +152,7 @@ class PiecewisePolynomial:
             result = powers[:, -1]
             for power in range(order - 2, -1, -1):
                 result = powers[:, power] + place * result
-            # not `gain · value`: an infinite or missing reading times 0 would not be 0
+            # not `gain · value`: 0 times an infinite or missing reading isn't 0
             out[block] = value + result if self.gain else result
         return outside
 
@@ -184,14 +189,14 @@ def approximate(
     """Approximate a curve so that the deviation stays below a bound everywhere.
 
     Each interval's polynomial meets the curve at its Chebyshev-Lobatto points, ends included, so
-    that it is continuous. The deviation is then taken at five (linear) or nine (cubic) points of
-    every interval of every branch, ends and middle included, at a step at 0 from both sides, and
-    the largest one is increased by half the largest second difference of them. That covers
-    kinks, as of an uncertainty that is tabulated, and a square root at an interval's edge, as
-    caused by loops and reversals. That is a proof for curves with no other feature narrower than
-    the points' distance, which nothing here can exclude; the intervals are narrowed, near zero and
-    elsewhere on their own, until the bound is met. Full scale is an edge as well: models taper
-    there.
+    that it is continuous. The deviation is then computed at five (linear) or nine (cubic) points of
+    every interval of every branch, ends and middle included, and on both sides of a step at 0. The
+    bound is the largest deviation plus half the largest second difference of the deviations. This
+    covers kinks, as in a tabulated uncertainty, and a square root at an interval's edge, as in
+    loops and reversals. It proves the bound for curves without other features narrower than the
+    distance of the points; such features can't be excluded. The intervals are narrowed, separately
+    near zero and elsewhere, until the bound is met. Full scale is an edge as well, because models
+    taper there.
 
     Parameters
     ----------
@@ -267,10 +272,10 @@ def approximate(
 
 
 def _needed(known: tuple[int, float] | None, now: tuple[int, float], allowed: float) -> float:
-    """Return how many intervals the last two attempts' rate of convergence lets expect.
+    """Return the number of intervals to be expected from the convergence of the last two attempts.
 
-    Where a kink lies in its interval can hide the convergence. Its order is taken to be at least ½,
-    that of a curve that begins steeply.
+    The position of a kink in its interval can hide the convergence. Its order is therefore assumed
+    to be at least ½, that of a curve that begins steeply.
     """
     if known is None or now[0] <= known[0]:
         return 0.0
@@ -279,11 +284,11 @@ def _needed(known: tuple[int, float] | None, now: tuple[int, float], allowed: fl
 
 
 def _narrower(count: int, excess: float, degree: int) -> int:
-    """Return the number of intervals that brings the deviation within its limit."""
+    """Return the number of intervals that lowers the deviation to its limit."""
     if excess <= 1.0:
         return count
     growth = 1.1 * float(excess ** (1.0 / (degree + 1)))
-    # with kinks a curve gains less than its degree promises: grow by at least a half
+    # a curve with kinks converges more slowly than its degree promises: grow by at least a half
     return ceil(count * min(max(growth, 1.5), 12.0))
 
 
@@ -303,7 +308,7 @@ class _Builder:
         self.full_scale = full_scale
 
     def count(self, far: int, fineness: int) -> int:
-        """Count the intervals, nearly."""
+        """Return the approximate number of intervals."""
         near = 2.0 * _NEAR * self.full_scale / (self.high - self.low) * far
         return far + ceil(near) * (fineness - 1)
 
@@ -354,7 +359,7 @@ class _Builder:
         return _Attempt(piecewise, worst[False], worst[True], at, worst_branch)
 
     def _difference(self, points: FloatArray, sides: FloatArray, branch: int) -> FloatArray:
-        """Return the curve less `gain · reading`; at 0 the limit from the interval's side."""
+        """Return the curve less `gain · reading`; at 0, its limit from the interval's side."""
         beside = sides[:, None] * _BESIDE_ZERO * self.full_scale
         readings = np.clip(np.where(points == 0.0, beside, points), self.low, self.high)
         distinct, back = np.unique(readings, return_inverse=True)
@@ -379,7 +384,7 @@ class _Pieces:
         left, right, widths = edges[:-1], edges[1:], np.diff(edges)
         self.degree = degree
         self.sides = np.where(left >= 0.0, 1.0, -1.0)
-        # an interval cut by the limits keeps its points inside, on at least half of it
+        # in an interval that the limits cut, the points cover the inner part, at least half of it
         first = np.clip(left, low, high - 0.5 * widths)
         last = np.clip(right, low + 0.5 * widths, high)
         steps = np.linspace(0.0, 1.0, _CHECKS[degree])
@@ -388,13 +393,13 @@ class _Pieces:
         self.places = (self.points - left[:, None]) / widths[:, None] - 0.5
 
     def fit(self, value: FloatArray) -> FloatArray:
-        """Coefficients of the polynomials through the nodes, shape (intervals, degree + 1)."""
+        """Return the coefficients of polynomials through the nodes, (intervals, degree + 1)."""
         nodes = list(_NODES[self.degree])
         powers = self.places[:, nodes, None] ** np.arange(self.degree + 1)
         return np.asarray(np.linalg.solve(powers, value[:, nodes, None])[:, :, 0])
 
     def bound(self, coefficients: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Bound of each interval's deviation, and where it is largest."""
+        """Return the bound of each interval's deviation, and where it is largest."""
         result = np.zeros_like(self.places)
         for column in coefficients.T[::-1]:
             result = result * self.places + column[:, None]

@@ -26,10 +26,10 @@ __all__ = ["OrthogonalPolynomial", "PolynomialModel", "fit_orthogonal"]
 class OrthogonalPolynomial:
     """A least-squares polynomial in the basis that is orthogonal over its own points.
 
-    The basis follows the three-term recurrence p₍ₖ₊₁₎ = (u − αₖ) pₖ − βₖ p₍ₖ₋₁₎ in
-    u = (x − centre)/scale (G. E. Forsythe, J. SIAM 5 (1957) 74-88), so no Vandermonde matrix and
-    none of its conditioning is involved. Through zero every basis function is multiplied by u,
-    with centre 0.
+    The basis follows the three-term recurrence p₍ₖ₊₁₎ = (u − αₖ) pₖ − βₖ p₍ₖ₋₁₎ in u = (x −
+    centre)/scale (G. E. Forsythe, J. SIAM 5 (1957) 74-88), which avoids an ill-conditioned
+    Vandermonde matrix. For a polynomial through zero every basis function is multiplied by u, with
+    centre 0.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class OrthogonalPolynomial:
         return np.asarray(self.coefficients @ self.basis(x))
 
     def relative_variance(self, x: FloatArray) -> FloatArray:
-        """Return the variance of the fitted value at x over the noise variance."""
+        """Return the variance of the fitted value at x, relative to the noise variance."""
         return np.asarray((1.0 / self.norms) @ self.basis(x) ** 2)
 
     def monomials(self) -> FloatArray:
@@ -86,7 +86,7 @@ class OrthogonalPolynomial:
 
 
 def _times_x(coefficients: NDArray[np.longdouble]) -> NDArray[np.longdouble]:
-    """Shift a polynomial's coefficients up by one power; the highest is zero."""
+    """Multiply a polynomial by x: shift its coefficients up by one power; the highest is zero."""
     return np.concatenate([np.zeros(1, dtype=np.longdouble), coefficients[:-1]])
 
 
@@ -172,13 +172,13 @@ class PolynomialModel(FormModel):
     Attributes
     ----------
     polynomials_ : list of OrthogonalPolynomial
-        One, or those for negative and for positive readings.
+        One joint polynomial, or one for negative and one for positive readings.
 
     Notes
     -----
-    Centred, scaled and orthogonal over the points, so that NIST's load-cell data (Pontius) come
-    out to 12 digits. Fewer than five points leave the usual covariance of least squares, with the
-    noise from the residuals and n − p degrees of freedom.
+    The basis is centred, scaled and orthogonal over the points, so that NIST's load-cell data
+    (Pontius) are reproduced to 12 digits. With fewer than five points, the uncertainty is the usual
+    covariance of least squares, with the noise from the residuals and n − p degrees of freedom.
 
     Examples
     --------

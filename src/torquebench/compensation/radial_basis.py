@@ -121,7 +121,7 @@ def _solve_outputs(
 
 @register("radial-basis")
 class RadialBasisModel(FormModel):
-    """Gaussian radial-basis network: a swarm places the neurons, Levenberg-Marquardt finishes.
+    """Gaussian radial-basis network, trained by a particle swarm, then by Levenberg-Marquardt.
 
     Each particle holds the centres and widths of all neurons and the weight decay of the output
     layer; the output layer is solved exactly. The swarm minimises the error at held-out points, not
@@ -252,7 +252,7 @@ class RadialBasisModel(FormModel):
     def _with_outputs(
         network: RadialBasis, x: FloatArray, target: FloatArray, weights: FloatArray
     ) -> tuple[RadialBasis, float]:
-        """Solve the output layer of one network; return it with its leave-one-out square."""
+        """Solve the output layer of one network; return it and its leave-one-out mean square."""
         solved = _solve_outputs(
             x,
             target,
@@ -273,7 +273,7 @@ class RadialBasisModel(FormModel):
     def _descend(
         self, network: RadialBasis, x: FloatArray, target: FloatArray, weights: FloatArray
     ) -> RadialBasis:
-        """Move all parameters by Levenberg-Marquardt on squares plus weight decay."""
+        """Optimise all parameters by Levenberg-Marquardt on squared errors plus weight decay."""
         root, damping = np.sqrt(weights), 1e-2
         decay = self._decay(network)
         errors = root * (target - network(x))
@@ -301,18 +301,18 @@ class RadialBasisModel(FormModel):
 
     @staticmethod
     def _decay(network: RadialBasis) -> FloatArray:
-        """Return prior precision times noise variance of each parameter; 0 but for amplitudes."""
+        """Return each parameter's prior precision times noise variance, 0 except for amplitudes."""
         count = network.centres.size
         return np.concatenate([np.zeros(2 * count), np.full(count, network.ridge), [0.0]])
 
     def _count_parameters(self, x: FloatArray, target: FloatArray, weights: FloatArray) -> None:
-        """Set the number of determined parameters and the noise, from the linearised network."""
+        """Set the effective number of parameters and the noise, from the linearised network."""
         J = self.network_.jacobian(x)
         residual = target - self.network_(x)
         squares = float(np.sum(weights * residual**2))
         normal = (J.T * weights) @ J
         count = self.network_.centres.size
-        # Alternative centres and widths: two gaps aside, or e times as wide.
+        # Prior standard deviations: two gaps for the centres, a factor e for the widths.
         gap = 2.0 / count
         determined = 0.25 * x.size
         for _ in range(50):

@@ -1,4 +1,4 @@
-"""Repeated points of a calibration: steps, their scatter, and folds that keep repeats together."""
+"""Repeated points of a calibration: steps, their scatter, and folds that hold out whole steps."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class NoiseFloor:
 
 
 def repeat_groups(reading_nm: ArrayLike) -> IntArray:
-    """Give every point the number of its step: points within 0.3 % of the span are repeats of one.
+    """Return the step of every point: points within 0.3 % of the span belong to one step.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def noise_floor(X: FloatArray, y: FloatArray, groups: IntArray | None = None) ->
 
 
 def spread_folds(step: IntArray, folds: int) -> tuple[IntArray, int]:
-    """Spread the steps over folds so that neighbours of a step are in other folds.
+    """Assign the steps to folds so that a step and its neighbours are in different folds.
 
     Parameters
     ----------

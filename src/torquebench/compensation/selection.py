@@ -54,9 +54,9 @@ CANDIDATES = (
 )
 """Default models of `compare`."""
 
-_PERCENT_OF_READING_FROM = 0.05  # of full scale; smaller torques have no error in % of reading
+_PERCENT_OF_READING_FROM = 0.05  # of full scale; smaller torques get no error in % of reading
 _ALIKE_SHARE_OF_RANGE = 1e-6
-"""Root mean square errors closer than this, in full scales, are treated as equal: a table's error.
+"""Root mean square errors closer than this share of full scale, a table's error, count as equal.
 """
 _FEW_STEPS = 8
 
@@ -72,7 +72,7 @@ class ModelScore:
     worst_nm, rms_nm : float
         Largest and root mean square error of single held-out points, in N·m.
     worst_averaged_nm : float
-        Largest error of the mean of the points of one step, in N·m: less of it is noise.
+        Largest error of the mean of a step's points, in N·m, which contains less noise.
     worst_percent_fs, rms_percent_fs : float
         The same errors as the first two in % of full scale.
     worst_percent_reading : float
@@ -87,7 +87,7 @@ class ModelScore:
         Mean square error minus that of the best model, and its standard error over the steps, in
         (N·m)².
     reason : str
-        Comparison with the best.
+        Comparison with the best model, in words.
     """
 
     name: str
@@ -127,7 +127,7 @@ class LeftOut:
 def behind_raw(
     name: str, model: CompensationModel, left_out: LeftOut, raw: LeftOut, full_scale_nm: float
 ) -> str:
-    """State that a model is worse than the raw reading at held-out points, and why.
+    """Return a sentence that a model is worse than the raw reading at held-out points, and why.
 
     Parameters
     ----------
@@ -181,9 +181,9 @@ def worse_than_raw(
     y : array of shape (n,)
         Torque of the standard in N·m.
     folds : int, default 4
-        Each leaves out every k-th step, so that the steps beside it stay in.
+        Number of folds k; each leaves out every k-th step, so that the steps beside it stay in.
     progress : Progress, optional
-        Told how far it is, in steps of `SHARES`.
+        Receives the fraction done, in steps of `SHARES`.
 
     Returns
     -------
@@ -251,7 +251,7 @@ class Comparison:
         )
 
     def behind_raw(self, name: str) -> str:
-        """Say that a candidate is worse than the raw reading, and why; empty if it isn't."""
+        """Explain that a candidate is worse than the raw reading; empty if it isn't."""
         score = self.score(name)
         left_out = LeftOut(score.worst_nm, score.rms_nm)
         return behind_raw(name, self.models[name], left_out, self.raw, self.full_scale_nm)
@@ -279,7 +279,7 @@ class Comparison:
         return header, [*rows, ("raw reading", *raw, "")]
 
     def score(self, name: str) -> ModelScore:
-        """Return the row of one candidate."""
+        """Return the scores of one candidate."""
         return next(score for score in self.scores if score.name == name)
 
 
@@ -298,7 +298,7 @@ def compare(
 
     Points of one step (repeats, both branches) are always held out together. A fold holds every
     k-th step, so neighbours on both sides stay in; the outermost steps always stay in and aren't
-    scored, because a model never has to extrapolate. A model's own choices (regularisation,
+    scored, so that a model never has to extrapolate. A model's own choices (regularisation,
     smoothing) are repeated in every fold.
 
     Parameters
@@ -312,7 +312,7 @@ def compare(
     range_nm : float, optional
         Full scale in N·m; largest reading when None.
     groups : array of shape (n,), optional
-        Step of each point where known better than by `repeat_groups`.
+        Step of each point; by default from `repeat_groups`.
     folds : int, default 10
         Number of folds; one for every step where there are fewer than twice as many steps.
     outliers : {"downweight", "refuse", "keep"}, default "downweight"
@@ -336,7 +336,7 @@ def compare(
     The least error of many is partly luck, so every other candidate's excess is stated in standard
     errors of the difference over the steps. A standard error of few steps is itself uncertain and
     widened by Student's factor. Errors that differ by less than a millionth of full scale count as
-    equal: without noise, rounding must not decide.
+    equal, so that without noise rounding doesn't decide.
 
     Examples
     --------
@@ -354,7 +354,7 @@ def compare(
     check_points(points, 1, 1, model="a comparison")
     step = repeat_groups(features[:, 0]) if groups is None else _consecutive(groups, torque.size)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", OutlierWarning)  # the result names the refused models
+        warnings.simplefilter("ignore", OutlierWarning)  # the result names the models that refused
         outlying = point_weights(points, outliers)[1]
     outlying_rows = [point.row for point in outlying]
     fold_of_point, fold_count = spread_folds(step, folds)
@@ -404,7 +404,7 @@ class _Tally:
         )
 
     def differences(self) -> tuple[str, dict[str, tuple[float, float]]]:
-        """Return the best candidate and every other's excess of mean square with its error."""
+        """Return the best candidate, and the others' excess of mean square with its error."""
         squares = {name: error**2 for name, error in self.errors.items()}
         best = min(self.order, key=lambda name: float(np.mean(squares[name])))
         groups = np.unique(self.step, return_inverse=True)[1]
@@ -412,7 +412,8 @@ class _Tally:
         result = {}
         for name in self.order:
             sums = np.bincount(groups, squares[name] - squares[best])
-            # Sums over steps are independent; their spread gives the error of the overall mean.
+            # Sums over steps are independent; their spread gives the standard error of the overall
+            # mean.
             spread = float(np.std(sums, ddof=1)) if count > 1 else 0.0
             total = groups.size
             error = max(_one_error(count) * spread * float(np.sqrt(count)) / total, self.alike)
@@ -420,7 +421,7 @@ class _Tally:
         return best, result
 
     def explained(self, scores: Sequence[ModelScore], best: str) -> tuple[ModelScore, ...]:
-        """Add to every row its distance from the best, in words as well."""
+        """Add to every score its distance from the best, also in words."""
         _, differences = self.differences()
         rows = []
         for score in scores:
@@ -442,7 +443,7 @@ class _Tally:
 
 
 class StepFolds:
-    """Folds for scikit-learn's cross-validation as `compare` makes them.
+    """Folds for scikit-learn's cross-validation, as `compare` makes them.
 
     All points of a step (repeats, both branches) are held out together, and the outermost steps
     never are, so that a model doesn't have to extrapolate.
@@ -472,7 +473,7 @@ class StepFolds:
         y: object = None,  # noqa: ARG002
         groups: object = None,  # noqa: ARG002
     ) -> Iterator[tuple[IntArray, IntArray]]:
-        """Yield fitted rows and held-out rows."""
+        """Yield the rows to be fitted and the held-out rows of each fold."""
         fold_of_point, count = self._folds(X)
         for fold in range(count):
             here = fold_of_point == fold
@@ -484,7 +485,7 @@ class StepFolds:
 
 
 def _one_error(count: int) -> float:
-    """Return Student's factor for one standard error that is estimated from this many steps."""
+    """Return Student's factor for one standard error that is estimated from a number of steps."""
     return float(stdtrit(max(count - 1, 1), ndtr(1.0)))
 
 
@@ -569,7 +570,7 @@ def _try_all(
     folds: int,
     progress: Progress,
 ) -> tuple[dict[str, _Trial], dict[str, str]]:
-    """Fit each candidate to all points and without each fold; collect the refusals."""
+    """Fit each candidate to all points and without each fold; return trials and refusals."""
     trials: dict[str, _Trial] = {}
     refused: dict[str, str] = {}
     posteriors = _Posteriors(X, y)
@@ -596,14 +597,14 @@ def _try_all(
 
 
 class _Posteriors:
-    """Posteriors of the truth at all points, fitted once for all candidates of the same range."""
+    """Posteriors of the truth at all points, fitted once for all candidates of one range."""
 
     def __init__(self, X: FloatArray, y: FloatArray) -> None:
         self._X, self._y = X, y
         self._fitted: dict[tuple[float | None, float, str], CompensationModel] = {}
 
     def complete(self, model: CompensationModel) -> CompensationModel:
-        """Return a model whose curve was fitted with its uncertainty."""
+        """Add the uncertainty to a model whose curve was fitted without it."""
         if model.uncertainty_ is None and model.points_ >= FEWEST_POINTS:
             key = (model.range_nm, model.range_margin, model.outliers)
             if key not in self._fitted:
@@ -613,7 +614,7 @@ class _Posteriors:
 
 
 def _quiet_fit(model: CompensationModel, X: FloatArray, y: FloatArray) -> CompensationModel:
-    """Return a copy whose curve is fitted without warnings: the comparison has reported them."""
+    """Return a fitted copy, without warnings that the comparison already gave."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", OutlierWarning)
         warnings.simplefilter("ignore", PointsReducedWarning)
@@ -628,7 +629,7 @@ def _left_out_errors(
     folds: int,
     progress: Progress,
 ) -> FloatArray:
-    """Return each point's error by the model fitted without its fold; NaN if never held out."""
+    """Return each point's error by a model fitted without its fold; NaN if never held out."""
     error = np.full(y.size, np.nan)
     for fold in range(folds):
         here = fold_of_point == fold

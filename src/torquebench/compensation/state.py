@@ -36,12 +36,13 @@ def storable(cls: _Class) -> _Class:
 
 
 def encode_value(value: Any) -> Any:
-    """Turn a fitted value into something that JSON holds without loss.
+    """Convert a fitted value to one that JSON stores without loss.
 
     Parameters
     ----------
     value : None, bool, int, float, str, array, list, tuple, dict or storable dataclass
-        Floats keep all their bits: JSON's shortest form reads back to the same double.
+        Value to be stored. Floats keep all their bits: JSON's shortest form reads back to the same
+        double.
 
     Returns
     -------
@@ -81,7 +82,7 @@ def encode_value(value: Any) -> Any:
 
 
 def decode_value(encoded: Any) -> Any:
-    """Undo `encode_value`.
+    """Convert the result of `encode_value` back.
 
     Parameters
     ----------

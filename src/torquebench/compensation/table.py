@@ -28,8 +28,8 @@ __all__ = ["CompensationTable", "compile_table"]
 FloatArray = NDArray[np.float64]
 
 
-_UNCERTAINTY_TOLERANCE = 1e-6  # of full scale: no uncertainty is known better
-_FINE, _COARSE = 1e-6, 1e-5  # deviations of the torque, of full scale
+_UNCERTAINTY_TOLERANCE = 1e-6  # of full scale: uncertainties aren't known more closely
+_FINE, _COARSE = 1e-6, 1e-5  # largest deviations of the torque, of full scale
 _FINE_INTERVALS = 1 << 14
 
 
@@ -90,7 +90,7 @@ class CompensationTable:
         branch : array_like of shape (n,), optional
             -1, 0 or +1; unknown (0) where not given.
         out : float64 array of shape (n,), optional
-            Array for the result; may be the readings' own.
+            Array for the result; may be `reading_nm` itself.
 
         Returns
         -------
@@ -99,10 +99,11 @@ class CompensationTable:
         Raises
         ------
         InputError
-            If readings are outside the range or NaN: their number and the first one.
+            If readings are outside the range or NaN; the message has their number and the first
+            one.
         """
         reading, signs = _reading(reading_nm), _branch(branch)
-        # evaluated in place, a refused reading would be overwritten
+        # in place, the evaluation would overwrite the refused reading
         kept = reading if out is None or not np.may_share_memory(out, reading) else None
         result = np.empty_like(reading) if out is None else out
         _require_same_shape(reading, signs, result)
@@ -133,7 +134,7 @@ class CompensationTable:
         Parameters
         ----------
         reading_nm, branch
-            As for `torque`; beyond the range the limit's value is taken.
+            As for `torque`; beyond the range, the uncertainty at its limit is returned.
 
         Returns
         -------
@@ -158,7 +159,7 @@ class CompensationTable:
 
     @cached_property
     def at(self) -> Callable[..., float]:
-        """Function of a single reading in N·m and a branch, for use from plain Python.
+        """Return a function of a single reading in N·m and a branch, for plain Python.
 
         Examples
         --------
@@ -192,15 +193,16 @@ def compile_table(
         Fitted model of any kind.
     tolerance : float, optional
         Largest deviation of the torque, as a fraction of full scale; the standard uncertainty
-        deviates by as much, or by 1e-6 where that is more. By default 1e-6, and 1e-5 where that
-        takes more than 16,384 intervals: a loop that closes steeply takes minutes of work
-        otherwise.
+        deviates by at most this fraction or 1e-6, whichever is larger. By default 1e-6, or 1e-5 if
+        1e-6 needs more than 16,384 intervals: a loop that closes steeply would take minutes.
     uncertainty : bool, default True
         Whether to compile the standard uncertainty as well.
     branches : bool, default True
-        Whether to compile branches; without them, a third of the work, and every branch is unknown.
+        Whether to compile the branches; without them it takes a third of the time, and every branch
+        counts as unknown.
     series, speed_rpm, temperature_c : float
-        Values of the other columns, for models that use them: a table is for one state.
+        Values of the other columns, for models that use them; the table holds for these values
+        only.
 
     Returns
     -------
@@ -278,9 +280,9 @@ def compile_table(
 
 
 def _scalar_function(curve: PiecewisePolynomial) -> Callable[..., float]:
-    """Return a function of plain Python: a NumPy or Numba call costs more than the arithmetic."""
+    """Return a plain Python function: a NumPy or Numba call costs more than the arithmetic."""
     down, unknown, up = ([tuple(row) for row in rows] for rows in curve.coefficients.tolist())
-    # indexed by the branch: -1 is the last one
+    # indexed by the branch: -1 is the last item
     tables = (unknown, up, down)
     low, high, near, scale = curve.low, curve.high, curve.near, curve.scale
     # locations half an interval up, so that their integer part is the interval's number

@@ -1,8 +1,9 @@
-"""The branch of a reading from the readings before it, as exports carry it, and what that misses.
+"""The branch of a reading by the exports' rule, and the error of this rule in partial loops.
 
-A controller without the model's memory (`torquebench.compensation.hysteresis`) takes the branch by
-the direction of the readings since their last turning point. On the calibrated loop that is exact.
-After a reversal in mid-range a chain is between both branches: the exports state by how much.
+A controller without the model's memory (`torquebench.compensation.hysteresis`) derives the branch
+from the direction of the readings since their last turning point. On the calibrated loop that is
+exact. After a reversal in mid-range a chain is between both branches: the exports state the largest
+error that follows.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ def turning_nm(table: CompensationTable) -> float:
 
 
 def followed_branches(reading_nm: FloatArray, turning: float) -> NDArray[np.int8]:
-    """Return the branch of each reading of a stream: the rule that exports carry as a function.
+    """Return the branch of each reading of a stream, by the rule that exports contain.
 
     Examples
     --------
@@ -51,7 +52,7 @@ def followed_branches(reading_nm: FloatArray, turning: float) -> NDArray[np.int8
 
 
 def partial_loop_deviation(table: CompensationTable) -> float:
-    """Return the largest deviation from the model with its memory over partial loops, N·m."""
+    """Return the largest deviation from the model with memory over partial loops, N·m."""
     if not table.curve.branch_aware:
         return 0.0
     inner = [

@@ -25,7 +25,7 @@ def export_header(path: Path, table: CompensationTable, provenance: Provenance) 
     Parameters
     ----------
     path : Path
-        Where to; ``output_module.h`` gives ``output_module_torque``.
+        File to be written; ``output_module.h`` gives ``output_module_torque``.
     table : CompensationTable
     provenance : Provenance
 
@@ -38,7 +38,7 @@ def export_header(path: Path, table: CompensationTable, provenance: Provenance) 
 
 
 def header_text(table: CompensationTable, provenance: Provenance, prefix: str) -> str:
-    """Write the header.
+    """Return the header's text.
 
     Parameters
     ----------

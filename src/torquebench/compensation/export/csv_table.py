@@ -26,7 +26,7 @@ _LINEAR_SHARE = 5e-7
 """
 
 _UNCERTAINTY_SHARE = 0.03
-"""Largest relative change of a standard uncertainty."""
+"""Largest relative change of the standard uncertainty from row to row."""
 
 _BESIDE_ZERO = 1e-9
 """Distance of the two rows that represent a step at torque reversal, as a share of full scale."""
@@ -57,8 +57,8 @@ def export_csv(
     Notes
     -----
     The header lines start with ``#``; the first one states their number. Then one line of column
-    names and the rows, readings strictly ascending. Numbers are written in full. Between the rows,
-    linear interpolation holds the bound that the comments state.
+    names and the rows, readings strictly ascending. Numbers have full precision. Linear
+    interpolation between the rows keeps the bound that the comments state.
     """
     nodes, added = table_nodes(table)
     columns: dict[str, FloatArray] = {"reading_nm": nodes}
@@ -126,7 +126,7 @@ def table_nodes(table: CompensationTable) -> tuple[FloatArray, float]:
 
 
 def _linear_deviation(table: CompensationTable, nodes: FloatArray, branch: int) -> float:
-    """Bound of the error of linear interpolation between the nodes on one branch."""
+    """Return the largest error of linear interpolation between the nodes on one branch."""
     values = _values(table, nodes, branch, uncertainty=False)
     worst = 0.0
     for share in (0.25, 0.5, 0.75):
@@ -134,7 +134,7 @@ def _linear_deviation(table: CompensationTable, nodes: FloatArray, branch: int) 
         line = values[:-1] + share * np.diff(values)
         deviation = np.abs(line - _values(table, between, branch, uncertainty=False))
         worst = max(worst, float(np.max(deviation[np.diff(nodes) > 1e-8 * table.full_scale_nm])))
-    # a cubic's largest deviation may lie between the three points, larger by less than a tenth
+    # between the three points a cubic's deviation may be larger, by less than a tenth
     return 1.1 * worst
 
 

@@ -91,5 +91,5 @@ def export_table(
 
 
 def _ending(path: Path) -> str:
-    """Return the format of a file name; standard output takes CSV."""
+    """Return the format of a file name; standard output gets CSV."""
     return ".csv" if is_standard_output(path) else path.suffix.lower()

@@ -114,7 +114,7 @@ class _Graph:
         return output
 
     def shared(self, curve: PiecewisePolynomial) -> None:
-        """Clamp the reading, note whether it was in the range, and map the branch to 0, 1 or 2."""
+        """Clamp the reading, record whether it was in range, and map the branch to 0, 1 or 2."""
         low, high = self.constant("low", curve.low), self.constant("high", curve.high)
         above = self.apply("GreaterOrEqual", ["reading_nm", low], "above_low")
         below = self.apply("LessOrEqual", ["reading_nm", high], "below_high")

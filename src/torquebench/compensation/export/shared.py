@@ -1,4 +1,4 @@
-"""Provenance of a compiled table in words, and names in code, for all exports."""
+"""Text that all exports share: the provenance of a compiled table, and names in code."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["identifier", "provenance_lines"]
 
 
 def identifier(path: Path) -> str:
-    """Return the beginning of all names in a file of code: the file's own name."""
+    """Return the prefix of all names in an exported source file: the file's own name."""
     prefix = re.sub(r"\W", "_", path.stem, flags=re.ASCII)
     return f"table_{prefix}" if not prefix or prefix[0].isdigit() else prefix
 
@@ -32,7 +32,7 @@ def provenance_lines(table: CompensationTable, provenance: Provenance) -> list[s
     Returns
     -------
     lines : list of str
-        Plain ASCII, so that any compiler and any reader takes them.
+        Plain ASCII, so that any compiler and any reader accepts them.
     """
     uncertainty = table.uncertainty_curve
     lines = [

@@ -1,8 +1,8 @@
 """The recommended model: Gaussian processes of a chain's physics, averaged by their evidence.
 
-`model` has the estimator. `parts` describes what a chain may show, `member` solves one structure of
-parts, `average` weighs the structures, `calibration_path` reads time and scatter off the points'
-path.
+`model` has the estimator. `parts` describes the effects that a chain may show, `member` solves one
+structure of parts, `average` weighs the structures, and `calibration_path` derives time and
+correlated scatter from the order of the points.
 """
 
 from torquebench.compensation.hybrid.model import HybridModel

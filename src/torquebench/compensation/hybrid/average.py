@@ -1,4 +1,4 @@
-"""The structures of a chain that are averaged, by their evidence."""
+"""Average over the possible structures of a chain, weighted by their evidence."""
 
 from __future__ import annotations
 
@@ -21,26 +21,27 @@ STRUCTURES = (
     _WHOLE.with_parts("rough", "branch"),
     replace(_WHOLE.with_parts("ripple", "rough", "branch"), growing=True),
 )
-"""Chains whose directions differ."""
+"""Structures of chains whose directions differ."""
 _ALIKE = Structure("cubic", ("lag", "loop", "offset", "step"))
 ALIKE = (_ALIKE, _ALIKE.with_parts("ripple"))
-"""Chains whose directions have the same trend: the same parts carry the torque."""
+"""Structures of chains whose directions have the same trend, because the same parts carry the
+torque."""
 PLAIN = (
     Structure("line", ("offset",)),
     Structure("quadratic", ("offset",)),
     Structure("cubic", ("offset",)),
     Structure("odd", ("offset", "sides")),
 )
-"""Plain forms: what the source papers describe, without any other part."""
+"""Plain forms of the source papers, without any other part."""
 _PLAIN_CHANCE, _ALIKE_CHANCE = 0.1, 0.15
-_GROWING_CHANCE = 0.3  # of a plain form's noise
+_GROWING_CHANCE = 0.3  # if a plain form's noise grows
 _DRIFT_CHANCE, _TAILED_CHANCE = 0.5, 0.4
 _LIKELIEST = 4  # structures that are also tried with a drift and with heavy tails
-_UNLIKELY = 8.0  # log evidence below the best: such a member isn't integrated
-_TAILS_LAG = 1.0  # log evidence by which tails of the best member may be worse
-_FREQUENCIES = np.arange(2.0, 14.0, 0.1)  # cycles a full scale
-_HIGHEST_FREQUENCY = 0.1875  # a point
-_APART = 0.5  # frequencies of two starts
+_UNLIKELY = 8.0  # log evidence below the best, from which on a member isn't integrated
+_TAILS_LAG = 1.0  # log evidence by which the best member with tails may be below the best without
+_FREQUENCIES = np.arange(2.0, 14.0, 0.1)  # cycles per full scale
+_HIGHEST_FREQUENCY = 0.1875  # cycles per point
+_APART = 0.5  # between the frequencies of two starts
 _KEPT_SHARE = 0.01
 
 
@@ -53,7 +54,7 @@ class _Average:
         self.log_prior: dict[Structure, float] = {}
 
     def score(self, member: Member) -> float:
-        """Return the log posterior probability of a member, but for a constant."""
+        """Return the log posterior probability of a member, up to a constant."""
         return member.log_evidence + self.log_prior[member.structure]
 
     @property
@@ -61,12 +62,12 @@ class _Average:
         return max(self.members.values(), key=self.score)
 
     def likeliest(self, structures: Iterable[Structure]) -> list[Structure]:
-        """Return the likeliest of some structures."""
+        """Return the structures with the highest scores."""
         by_score = sorted(structures, key=lambda each: -self.score(self.members[each]))
         return by_score[:_LIKELIEST]
 
     def add(self, structure: Structure, chance: float, parent: Member | None = None) -> Member:
-        """Fit a structure, from the hyperparameters of another one where there are any."""
+        """Fit a structure, starting from another member's hyperparameters if there is one."""
         layout = Layout(structure, self.problem.parts)
         starts = [None] if parent is None else self._starts(layout, parent)
         fits = [Member.fitted(self.problem, layout, self.weighting, start) for start in starts]
@@ -75,7 +76,7 @@ class _Average:
         return self.keep(member)
 
     def keep(self, member: Member) -> Member:
-        """Integrate a member if it may matter."""
+        """Integrate a member if its probability can matter, and store it."""
         limit = member.log_posterior + member.weighting.correction
         scores = [self.score(other) for other in self.members.values()]
         if limit + self.log_prior[member.structure] > max(scores, default=-np.inf) - _UNLIKELY:
@@ -97,7 +98,7 @@ class _Average:
         return starts
 
     def _frequencies(self, parent: Member) -> list[float]:
-        """Return the two likeliest frequencies of a ripple beside a member without one."""
+        """Return the two likeliest ripple frequencies, beside a member without ripple."""
         points, part = self.problem.points, self.problem.parts["ripple"]
         highest = max(_HIGHEST_FREQUENCY * len(points), _FREQUENCIES[0])
         frequencies = _FREQUENCIES[highest + 1e-9 >= _FREQUENCIES]
@@ -116,13 +117,13 @@ class _Average:
 
 
 def average(problem: Problem, weights: FloatArray) -> tuple[list[Member], FloatArray]:
-    """Return the members of the average and their posterior probabilities, the likeliest first.
+    """Return the averaged members and their posterior probabilities, the likeliest first.
 
     Parameters
     ----------
     problem : Problem
     weights : float64 array of shape (n,)
-        Of the points.
+        Weights of the points.
     """
     search = _Average(problem, weights)
     drifts = bool(problem.points.elapsed.size)
@@ -153,13 +154,13 @@ def average(problem: Problem, weights: FloatArray) -> tuple[list[Member], FloatA
 
 
 def _add_tails(search: _Average) -> None:
-    """Add members with heavy tails, if the likeliest one shows them."""
+    """Add members with heavy tails, if heavy tails suit the likeliest member."""
     best, even = search.best, list(search.members)
     for structure in even:
         search.log_prior[structure] += float(np.log(1.0 - _TAILED_CHANCE))
 
     def tailed_prior(structure: Structure) -> float:
-        """Return the prior probability of a structure's twin with heavy tails."""
+        """Return the prior probability of a structure with heavy tails, from that without."""
         return float(np.exp(search.log_prior[structure])) * _TAILED_CHANCE / (1.0 - _TAILED_CHANCE)
 
     search.log_prior[replace(best.structure, tailed=True)] = np.log(tailed_prior(best.structure))

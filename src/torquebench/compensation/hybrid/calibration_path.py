@@ -1,4 +1,4 @@
-"""The path of a calibration: its clock, its torques, and scatter that its series share."""
+"""The path of a calibration: times and torques of its points, and scatter that a series shares."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.hybrid.parts import SIDELESS
 
 _SAME_LEVEL = 0.003  # of full scale: torques closer than this are repeats
-_SIDED = 0.02  # readings next to zero scatter to both sides: they aren't a direction of their own
-_FEWEST_SERIES = 3  # fewer don't separate correlated scatter from the curve
+_SIDED = 0.02  # readings closer to zero scatter to both sides and have no direction of their own
+_FEWEST_SERIES = 3  # fewer series can't separate correlated scatter from the curve
 _LENGTHS = np.geomspace(0.003, 1.0, 8)
 """Candidate correlation lengths along the path, as shares of full scale."""
-_CHANCE = 2.5  # standard errors of the correlation
+_CHANCE = 2.5  # standard errors up to which chance explains the correlation
 _LARGEST_SHARE = 0.9
-_FEWEST_PAIRS = 1e-9  # of full correlation; a length shorter than all distances has none
+_FEWEST_PAIRS = 1e-9  # largest correlation; a length below all distances is ignored
 
 
 def count_levels(u: FloatArray) -> int:
-    """Return how many different torques were measured in the direction that has more of them.
+    """Return the number of distinct torques, in the direction that has more of them.
 
     Examples
     --------
@@ -34,7 +34,7 @@ def count_levels(u: FloatArray) -> int:
 
 
 def path_clock(u: FloatArray, branch: FloatArray, series: FloatArray) -> FloatArray:
-    """Read the time of calibration points off their place on the path.
+    """Return the time of calibration points, derived from their positions on the path.
 
     A series runs from zero to full scale and back, or through both directions, clockwise first. A
     zero on the falling branch is the last point of its direction.
@@ -66,7 +66,7 @@ def path_clock(u: FloatArray, branch: FloatArray, series: FloatArray) -> FloatAr
 def path_side(u: FloatArray, series: FloatArray) -> FloatArray:
     """Return the direction of the loading that each point belongs to, −1 to 1.
 
-    A zero belongs to the direction of its series; in a series of both directions it has none.
+    A point at zero has the direction of its series, and none (0) in a series of both directions.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def path_side(u: FloatArray, series: FloatArray) -> FloatArray:
 
 
 def _loadings(u: FloatArray, series: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the loading of each point, 2 · series + 1 where counter-clockwise, and all of them."""
+    """Return each point's loading, 2 · series (+ 1 if counter-clockwise), and all loadings."""
     keys = 2 * np.unique(series, return_inverse=True)[1] + (u < 0)
     sections = np.unique(keys[np.abs(u) > _SIDED])
     lone = ~np.isin(keys, sections)
@@ -96,16 +96,16 @@ def _loadings(u: FloatArray, series: FloatArray) -> tuple[NDArray[np.int64], NDA
 def correlated_covariance(
     u: FloatArray, branch: FloatArray, series: FloatArray, target: FloatArray
 ) -> FloatArray | None:
-    """Return the covariance of correlated scatter, for independent scatter of 1.
+    """Return the covariance of correlated scatter, relative to an independent scatter of 1.
 
-    Parts that re-seat with every loading shift the points of one series to the same side. Repeats
-    average this, more points of a series don't (GUM 4.2.7). If such points were treated as
-    independent, the curve's uncertainty would be too small, and scatter of one loading would be
-    identified as effects of the chain.
+    Parts that re-seat with every loading shift the points of one series to the same side. More
+    series average this shift, more points of one series don't (GUM 4.2.7). If such points were
+    treated as independent, the curve's uncertainty would be too small, and scatter of one loading
+    would be identified as effects of the chain.
 
     Points of different series at the same torque and branch differ by scatter alone. Its
-    correlation within a series is taken as m·exp(−d/ℓ) over the way d between two points; m and ℓ
-    by least squares over all pairs.
+    correlation within a series is modelled as m·exp(−d/ℓ) over the distance d between two points
+    along the path; m and ℓ are fitted by least squares over all pairs.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def _side(u: FloatArray) -> FloatArray:
 def _scatter(
     u: FloatArray, branch: FloatArray, series: FloatArray, target: FloatArray
 ) -> FloatArray:
-    """Return the deviation of each point from the others at its level; NaN if there are none."""
+    """Return the deviation of each point from the others at its level; NaN without others."""
     scatter = np.full(u.size, np.nan)
     for side, leg in np.unique(np.column_stack([_side(u), branch]), axis=0):
         rows = np.flatnonzero((_side(u) == side) & (branch == leg))
@@ -168,7 +168,7 @@ def _scatter(
 def _courses(
     u: FloatArray, branch: FloatArray, series: FloatArray
 ) -> Iterator[tuple[NDArray[np.intp], FloatArray]]:
-    """Return the points of each series and direction, and their distances along it."""
+    """Yield the points of each series and direction, and their positions along its path."""
     for number, side in np.unique(np.column_stack([series, np.sign(u)]), axis=0):
         rows = np.flatnonzero((series == number) & (np.sign(u) == side))
         x = np.abs(u[rows])
@@ -178,7 +178,7 @@ def _courses(
 def _pairs(
     scatter: FloatArray, rows: NDArray[np.intp], position: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return distances and products of all pairs of known scatter."""
+    """Return distances and products of scatter for all pairs of points with known scatter."""
     known = np.isfinite(scatter[rows])
     first, second = np.triu_indices(int(np.count_nonzero(known)), k=1)
     values, places = scatter[rows][known], position[known]
@@ -186,7 +186,7 @@ def _pairs(
 
 
 def _fitted(way: FloatArray, product: FloatArray) -> tuple[float, float]:
-    """Return share and length of the correlation; a share of 0 if it isn't significant."""
+    """Return share and length of the correlation; share 0 if it isn't significant."""
     if way.size == 0:
         return 0.0, 1.0
     shapes = np.exp(-way / _LENGTHS[:, None])

@@ -43,20 +43,20 @@ GROWTH = about(0.7, 1.2)
 _FARTHEST = 3.5  # prior standard deviations
 _FREEDOM = 4.0
 """Degrees of freedom of noise with heavy tails."""
-_LEAST_CURVATURE = 0.2  # of the prior's: below it the posterior isn't normal
-_STEP = 1e-3  # of a logarithm, for the curvature by differences of the gradient
+_LEAST_CURVATURE = 0.2  # of the prior's curvature; a smaller one isn't that of a normal posterior
+_STEP = 1e-3  # step of a log hyperparameter, for differences of the gradient
 
 
 @dataclass(frozen=True)
 class Structure:
-    """What a chain may consist of.
+    """Assumed structure of a chain: its trend, parts and noise.
 
     Attributes
     ----------
     trend : str
         One of `TRENDS`.
     parts : tuple of str
-        Names of the catalogue, sorted.
+        Names from the catalogue, sorted.
     growing, tailed : bool
         Whether the noise grows with the torque, and whether it has heavy tails.
     """
@@ -71,12 +71,12 @@ class Structure:
         return replace(self, parts=tuple(sorted({*self.parts, *names})))
 
     def limited_to(self, names: Iterable[str]) -> Structure:
-        """Return the structure with those of its parts that are named."""
+        """Return the structure with only those of its parts that are in `names`."""
         return replace(self, parts=tuple(sorted({*self.parts}.intersection(names))))
 
 
 class Problem:
-    """Calibration points and the parts that they may show.
+    """Calibration points, and the parts that they may contain.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class Problem:
     trend_scale : float
         Factor on the prior scales of the trend.
     whitening : float64 array of shape (n, n), optional
-        Inverse Cholesky factor of the correlation that the scatter of the points has.
+        Inverse Cholesky factor of the correlation of the points' scatter.
     """
 
     def __init__(
@@ -104,11 +104,11 @@ class Problem:
         self._kept: dict[str, FloatArray] = {}
 
     def white(self, values: FloatArray) -> FloatArray:
-        """Return columns at the points such that the scatter is independent."""
+        """Transform columns at the points such that the scatter becomes independent."""
         return values if self._whitening is None else np.asarray(self._whitening @ values)
 
     def trend(self, name: str) -> FloatArray:
-        """Return the columns of a trend at the points, times their prior scales."""
+        """Return the whitened columns of a trend at the points, times their prior scales."""
         if name not in self._kept:
             self._kept[name] = self.white(self.trend_columns(name, self.points.u))
         return self._kept[name]
@@ -119,7 +119,7 @@ class Problem:
         return np.asarray(form_columns(u, list(TRENDS[name])) * scales)
 
     def columns(self, name: str, shape: FloatArray) -> tuple[FloatArray, FloatArray | None]:
-        """Return the columns of a part at the points, with their derivatives."""
+        """Return the whitened columns of a part at the points, with their derivatives."""
         part = self.parts[name]
         if part.fixed:
             if name not in self._kept:
@@ -133,7 +133,7 @@ class Problem:
 
 
 class Layout:
-    """Places of a structure's hyperparameters, and their priors."""
+    """Positions of a structure's hyperparameters in θ, and their priors."""
 
     def __init__(self, structure: Structure, parts: Mapping[str, Part]) -> None:
         self.structure = structure
@@ -153,7 +153,7 @@ class Layout:
         self.low[self.noise] = np.log(LEAST_NOISE)
 
     def start(self, other: Layout, theta: FloatArray) -> FloatArray:
-        """Return the prior means, or another structure's hyperparameters where both have them."""
+        """Return the prior means, with another structure's values where both have them."""
         start: FloatArray = self.mean.copy()
         for name in self.parts:
             if name in other.parts:
@@ -185,7 +185,7 @@ class Weighting:
     ----------
     weights : float64 array of shape (n,)
     base : float64 array of shape (n,)
-        Those without the factor that heavy tails have.
+        Weights without the factor due to heavy tails.
     correction : float
         Log likelihood of Student's noise, less that of normal noise with these weights.
     """
@@ -196,7 +196,7 @@ class Weighting:
 
 
 class _Block(NamedTuple):
-    """Columns of a part among all, and derivatives of columns and of log scales by its shape."""
+    """Columns of one part, and the derivatives of columns and log scales by its shape."""
 
     name: str
     place: slice
@@ -219,7 +219,7 @@ class _Solved:
     inverse : float64 array of shape (k, k)
         Inverse Cholesky factor of B.
     residual, leverage : float64 array of shape (n,)
-        Whitened residuals, and their variances' shares that the fit takes.
+        Whitened residuals, and the leverage of the points.
     root : float64 array of shape (n,)
         1 / √ν.
     blocks : list of _Block
@@ -266,7 +266,7 @@ def log_posterior(
     from_prior = (theta - layout.mean) / layout.sd
     value = -0.5 * (residual @ y + np.log(noise).sum() + from_prior @ from_prior)
     value -= np.log(np.diag(factor)).sum()
-    # derivative by the logarithm of every column's scale
+    # derivative by the log scale of every column
     by_scale = c * c - (1.0 - np.sum(inverse * inverse, axis=0))
     slope = -from_prior / layout.sd
     for number, (name, place, slopes, of_scales) in enumerate(blocks):
@@ -291,7 +291,7 @@ def log_posterior(
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """A structure with the hyperparameters that the points determine.
+    """A structure with fitted hyperparameters.
 
     Attributes
     ----------
@@ -301,9 +301,9 @@ class Member:
     theta : float64 array of shape (p,)
         Logarithms of the hyperparameters at the maximum of their posterior.
     log_posterior : float
-        There, without constants.
+        Log posterior there, without constants.
     covariance : float64 array of shape (p, p)
-        Of the hyperparameters; empty before `integrated`.
+        Covariance of the hyperparameters; empty before `integrated`.
     log_evidence : float
         Laplace's approximation; before `integrated`, an upper limit.
     """
@@ -326,7 +326,7 @@ class Member:
         iterations: int = 60,
     ) -> Member:
         """Maximise the posterior of the hyperparameters."""
-        from scipy.optimize import minimize  # imported late: a fitted model doesn't need it
+        from scipy.optimize import minimize  # imported late: a fitted model doesn't need SciPy
 
         def loss(theta: FloatArray) -> tuple[float, FloatArray]:
             value, slope, _ = log_posterior(problem, layout, weighting.weights, theta)
@@ -345,11 +345,11 @@ class Member:
 
     @property
     def structure(self) -> Structure:
-        """What the chain consists of."""
+        """Structure of the chain in this member."""
         return self.layout.structure
 
     def start_for(self, layout: Layout) -> FloatArray:
-        """Return a start for another structure from this one's hyperparameters."""
+        """Return start values for another structure, from this member's hyperparameters."""
         return layout.start(self.layout, self.theta)
 
     def integrated(self) -> Member:
@@ -362,7 +362,7 @@ class Member:
         here = slope(self.theta)
         curvature = np.empty((self.theta.size, self.theta.size))
         for k in range(self.theta.size):
-            # towards the prior mean, away from a bound
+            # away from the bound, towards the prior mean
             step = _STEP if self.theta[k] <= layout.mean[k] else -_STEP
             moved = self.theta.copy()
             moved[k] += step
@@ -383,20 +383,20 @@ class Member:
     # ---- noise ----------------------------------------------------------------------------
 
     def noise(self, u: FloatArray) -> FloatArray:
-        """Return the variance of a reading."""
+        """Return the variance of a single reading."""
         tails = _FREEDOM / (_FREEDOM - 2.0) if self.structure.tailed else 1.0
         return tails * self.layout.variances(self.theta, u)
 
     @property
     def noise_freedom(self) -> float:
-        """Degrees of freedom of the noise: a variance with ν of them has a log sd of (2ν)^−½."""
+        """Degrees of freedom of the noise, from the standard deviation (2ν)^−½ of its log."""
         at = self.layout.noise
-        if self.theta[at] <= self.layout.low[at]:  # no maximum: no noise is left
+        if self.theta[at] <= self.layout.low[at]:  # no maximum: the fit left no noise
             return max(len(self.problem.points) - self.effective_parameters(), 1.0)
         return float(0.5 / self.covariance[self.layout.noise, self.layout.noise])
 
     def tailed(self, rounds: int = 8) -> Member:
-        """Return the member whose noise has heavy tails (variational, Bishop 2006, eq. 10.3)."""
+        """Return the same member with heavy-tailed noise (variational, Bishop 2006, eq. 10.3)."""
         layout = Layout(replace(self.structure, tailed=True), self.problem.parts)
         member = replace(self, layout=layout)
         bound = -np.inf
@@ -413,7 +413,7 @@ class Member:
         return member
 
     def _expected_squares(self) -> FloatArray:
-        """Return expected squares of the points' noise over their variance without tails."""
+        """Return the points' expected squared noise, relative to the variance without tails."""
         solved = self._solved
         ratio = self.weighting.base / self.weighting.weights
         return np.asarray((solved.residual**2 + solved.leverage) * ratio)
@@ -433,7 +433,7 @@ class Member:
         return float(self._solved.leverage.sum())
 
     def coefficients(self) -> dict[str, tuple[FloatArray, FloatArray]]:
-        """Return shape parameters and posterior mean coefficients of each part of the curve.
+        """Return shape parameters and posterior mean coefficients of each part in the curve.
 
         Trend, offset and the difference of both directions are one part, "form".
         """
@@ -454,7 +454,7 @@ class Member:
         return {"form": (np.zeros(0), np.array(list(form.values()))), **parts}
 
     def curve(self, points: Points) -> tuple[FloatArray, FloatArray]:
-        """Return mean of the curve and factors of its covariance (n, k): F Fᵀ."""
+        """Return the curve's mean and factors F (n, k) of its covariance F Fᵀ."""
         solved, layout = self._solved, self.layout
         columns = [self.problem.trend_columns(self.structure.trend, points.u)]
         moves = np.zeros((len(points), self.theta.size))
@@ -491,12 +491,13 @@ class Member:
         return np.asarray(solved.inverse.T @ (solved.inverse @ moves))
 
     def gain_of(self, columns: FloatArray, groups: int) -> FloatArray:
-        """Return the log evidence that candidates of columns would add, shape (j,).
+        """Return by how much candidate columns would raise the log evidence, shape (j,).
 
         Parameters
         ----------
         columns : float64 array of shape (n, groups * j)
-            At the points; those of a candidate are j apart, times their prior scales.
+            Columns at the points, times their prior scales; the columns of one candidate are j
+            apart.
         groups : int
             Number of columns of a candidate.
         """

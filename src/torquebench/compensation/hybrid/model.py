@@ -38,18 +38,18 @@ _USUAL_SPREAD, _USUAL_SLOPE = 2e-3, 5e-3
 """Usual root mean squares about equation 15 and of the additional torque, as shares of full scale;
 more scales all priors, or those of the trend.
 """
-_NEGLIGIBLE = 1e-9  # of full scale: terms whose coefficients add up to less are dropped
+_NEGLIGIBLE = 1e-9  # of full scale: terms are dropped if their coefficients add up to less
 _NEAR, _FAR = np.geomspace(5e-4, 0.03, 8), np.linspace(0.03, 1.0, 40)[1:]
 _BLOCK = 256
-"""Readings at a time: their columns stay within the cache."""
+"""Readings evaluated at once: their columns fit the cache."""
 
 
 @dataclass(frozen=True)
 class Average:
-    """Members of a chain's posterior with their probabilities.
+    """Members of the posterior with their probabilities.
 
-    `unit` is the unit of their curves, `scatter` the factor of the points' correlated scatter on
-    the noise, `branches` are those that were recorded.
+    `unit` is the unit of their curves, `scatter` the factor by which the points' correlated scatter
+    raises the noise, `branches` are the recorded branches.
     """
 
     members: list[Member]
@@ -59,13 +59,13 @@ class Average:
     branches: frozenset[float]
 
     def mean_of(self, values: Sequence[float]) -> float:
-        """Return the mean of the members' values."""
+        """Return the mean of the members' values, weighted by their probabilities."""
         return float(self.shares @ values)
 
 
 @register("hybrid")
 class HybridModel(CompensationModel):
-    """Physics and Gaussian processes, averaged over what a chain may consist of.
+    """Average of Gaussian processes with a chain's physical effects.
 
     The additional torque is equation 15 with constants of each direction, a step at torque
     reversal, a hysteresis loop, smooth and rough deviations and ripple, each with an unknown
@@ -86,7 +86,7 @@ class HybridModel(CompensationModel):
     form_ : float64 array of shape (6,)
         Coefficients of 1, u, |u|, u², u|u|, u³, u being reading / `scale_nm_`.
     terms_ : list of Term
-        The rest of the curve.
+        All other terms of the curve.
     scale_nm_ : float
         Full scale, or the largest reading of a calibration that doesn't reach it.
     present_ : dict of str to float
@@ -143,7 +143,7 @@ class HybridModel(CompensationModel):
         return Average(members, shares, unit, scatter, branches)
 
     def _add_means(self, average: Average) -> None:
-        """Add the members' means: coefficients of equal columns are added up."""
+        """Add up the members' mean curves, term by term."""
         terms: dict[tuple[str, tuple[float, ...]], FloatArray] = {}
         members, shares, unit = average.members, average.shares, average.unit
         present = dict.fromkeys(members[0].problem.parts, 0.0)
@@ -162,7 +162,7 @@ class HybridModel(CompensationModel):
         ]
 
     def _tabulated(self, average: Average) -> CurveUncertainty:
-        """Return the uncertainty on both branches, at nodes that are closer around the reversal."""
+        """Return the uncertainty on both branches, at nodes that are denser around the reversal."""
         members, shares, unit = average.members, average.shares, average.unit
         branches = average.branches
         positive = np.concatenate([_NEAR, (1.0 + self.range_margin) * _FAR])
@@ -184,7 +184,7 @@ class HybridModel(CompensationModel):
         half = self._mean(nodes, np.ones(nodes.size)) - self._mean(nodes, np.zeros(nodes.size))
         unknown2 = 0.5 * (up2 + down2) + half**2
         if len(branches) < 2:
-            # A loop may exist that was never measured: twice its half to the other branch.
+            # An unmeasured loop may exist: the other branch is twice half a loop away.
             loop2 = (unit * unmeasured_loop(nodes)) ** 2
             unknown2 = up2 + (2.0 * loop2 if branches else loop2)
             up2 = up2 + 4.0 * loop2 if branches == {-1.0} else up2

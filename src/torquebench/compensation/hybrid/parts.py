@@ -40,7 +40,7 @@ from torquebench.compensation.state import storable
 from torquebench.units import TURN
 
 SIDELESS = 2e-3
-"""Readings this close to zero have no direction: noise would decide on it."""
+"""Readings closer to zero than this have no direction, because noise would decide on it."""
 
 
 class Prior(NamedTuple):
@@ -69,8 +69,8 @@ class Points:
         Time since the zero was taken, as a fraction of the calibration; empty for a curve, whose
         zero was just taken.
     known_side : float64 array of shape (n,) or (0,)
-        Direction of the loading that each point belongs to, −1 to 1; empty where the readings tell
-        it: those close to zero have none.
+        Direction of the loading that each point belongs to, −1 to 1; if empty, it is the sign of
+        the readings, and those close to zero have none.
     """
 
     u: FloatArray
@@ -97,7 +97,7 @@ by the logarithms of the shape parameters (k, s)."""
 
 
 class Part:
-    """A part: its columns at points, and the prior of its parameters."""
+    """One part of the curve: its columns at points, and the priors of its parameters."""
 
     amplitude: Prior
     shape: tuple[Prior, ...] = ()
@@ -109,7 +109,7 @@ class Part:
         raise NotImplementedError
 
     def scales(self, shape: FloatArray) -> Scales:
-        """Return the relative prior scales of the coefficients: equal ones."""
+        """Return the relative prior scales of the coefficients, by default equal ones."""
         count = self.columns(_ORIGIN, shape)[0].shape[1]
         return np.zeros(count), np.zeros((count, shape.size))
 
@@ -142,7 +142,7 @@ def form_columns(u: FloatArray, names: Sequence[str] = FORM) -> FloatArray:
 
 @dataclass(frozen=True)
 class FormPart(Part):
-    """Columns of the physical form with a common amplitude: an offset, or unequal directions."""
+    """Columns of the physical form with one amplitude: an offset, or unequal directions."""
 
     names: tuple[str, ...]
     amplitude: Prior
@@ -173,7 +173,7 @@ class _Loop(Part):
     shape: tuple[Prior, ...] = (about(0.8, 0.6), about(0.5, 0.7))
     fixed: ClassVar[bool] = False
     lags: bool = False
-    steepest: ClassVar[float] = 0.5  # least q: a steeper end is a jump, which no table follows
+    steepest: ClassVar[float] = 0.5  # smallest q: no table can follow a steeper end
 
     def columns(self, points: Points, shape: FloatArray) -> Columns:
         p, q = shape[0], self.steepest + shape[1]
@@ -185,8 +185,9 @@ class _Loop(Part):
         slopes = np.stack([half * p * rise, half * shape[1] * fall], axis=1)
         if not self.lags:
             return half[:, None], slopes[:, None, :]
-        # A remanence closes at full scale as well. Its sign is that of the branch where the torque
-        # reverses between the directions, and that of the direction where each is loaded by itself.
+        # A remanence closes at full scale as well. It has the sign of the branch if the torque
+        # reverses between the directions, and the sign of the direction if each is loaded by
+        # itself.
         power = x ** (1.0 + p)
         remanence = side * (1.0 - power)
         by_p = np.stack([-side * p * power * np.log(x), np.zeros(x.size)], axis=1)
@@ -214,7 +215,7 @@ def _squared_exponential(waves: FloatArray, length: float) -> tuple[FloatArray, 
 class _Smooth(Part):
     amplitude = about(2e-4, 1.0)
     shape = (about(0.35, 0.4),)
-    half_width: ClassVar[float] = 0.9  # of the sines about the middle of a direction
+    half_width: ClassVar[float] = 0.9  # of the sines about the middle of a direction's range
     count: ClassVar[int] = 10
 
     def columns(self, points: Points, shape: FloatArray) -> Columns:  # noqa: ARG002
@@ -274,7 +275,7 @@ class _Ripple(Part):
     fixed: ClassVar[bool] = False
     half_width: ClassVar[float] = 2.2
     count: ClassVar[int] = 4
-    reach: ClassVar[float] = 1.2  # over which amplitude and phase stay alike
+    reach: ClassVar[float] = 1.2  # of full scale: over this length amplitude and phase stay alike
 
     def columns(self, points: Points, shape: FloatArray) -> Columns:
         windows = _sines(points.u, self.half_width, self.count)
@@ -291,8 +292,8 @@ class _Ripple(Part):
 class _Drift(Part):
     """Relaxation of the zero since it was taken; a steady drift with a long time constant.
 
-    It only rises or only falls: a drift that returned would be mistaken for a loop that is open
-    without torque.
+    It only rises or only falls: a drift that returns couldn't be distinguished from a loop that is
+    open at zero torque.
     """
 
     amplitude = about(1.3e-4, 1.0)
@@ -314,7 +315,7 @@ _LOOPS = {"loop": _Loop(about(1.5e-4, 1.0)), "lag": _Loop(about(1.2e-4, 1.0), la
 
 
 def catalogue(levels: int, *, with_loops: bool = True) -> dict[str, Part]:
-    """Return all parts that a calibration can show, by name.
+    """Return all parts that a calibration may contain, by name.
 
     Parameters
     ----------
@@ -322,7 +323,7 @@ def catalogue(levels: int, *, with_loops: bool = True) -> dict[str, Part]:
         Number of torques in the direction that has more of them: rough parts are resolved to half
         their distance.
     with_loops : bool
-        Whether rising and falling torque were measured. One of them alone shows no loop.
+        Whether both rising and falling torque were measured: only then is a loop visible.
     """
     parts: dict[str, Part] = {
         "offset": FormPart(("1",), about(1e-4, 1.3)),
