@@ -56,13 +56,13 @@ class AdaptiveRound:
     Parameters
     ----------
     points : int
-        Measured before it.
+        Points measured before this decision.
     expanded_percent : float
         Largest expanded uncertainty (k = 2) of the model fitted to them, in % of full scale.
     proposed : int
-        Points that it placed; 0 for the last one.
+        Points that it placed; 0 in the last round.
     predicted_percent : float
-        Largest expanded uncertainty that was predicted with them, in % of full scale.
+        Largest expanded uncertainty predicted with these points, in % of full scale.
     """
 
     points: int
@@ -93,14 +93,14 @@ class Proposed:
     predicted_percent: float
 
     def round(self, points: int) -> AdaptiveRound:
-        """Return this decision, taken after this number of points, for the record."""
+        """Return this decision as a round, taken after a number of points, for the record."""
         count = int(self.nominal_nm.size)
         return AdaptiveRound(points, self.now_percent, count, self.predicted_percent)
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Number of points of an adaptive calibration, and the reason for its end.
+    """Number of points of an adaptive calibration, and the reason why it ended.
 
     Parameters
     ----------
@@ -111,12 +111,12 @@ class Placement:
     target_percent : float or None
         Target of the expanded uncertainty (k = 2), in % of full scale.
     budget : int
-        Most points that were allowed.
+        Largest allowed number of points.
     model : str
         Kind of model that placed them.
     even : int or None
-        Points of the coarse series; None if the first round follows it, which isn't the case after
-        a later interruption.
+        Points of the coarse series; None if the first round follows it. After a later interruption,
+        the first round doesn't.
     """
 
     rounds: tuple[AdaptiveRound, ...]
@@ -138,7 +138,7 @@ class Placement:
 
     @property
     def points(self) -> int:
-        """Points measured in all."""
+        """Number of measured points, the coarse series included."""
         return self.rounds[-1].points
 
     @property
@@ -201,7 +201,7 @@ class Placement:
 
 
 def place_points(data: CalibrationData, settings: Adaptive) -> Proposed:
-    """Fit the model to the points so far and place the next ones.
+    """Fit the model to the points so far, and place the next points.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def place_points(data: CalibrationData, settings: Adaptive) -> Proposed:
         Where the model refuses the points.
     """
     from torquebench.compensation import (
-        make_model,  # imported late: models take a second to import
+        make_model,  # imported late: the models take a second to import
         propose_points,  # models take a second to import
     )
 
@@ -244,7 +244,7 @@ def place_points(data: CalibrationData, settings: Adaptive) -> Proposed:
 def even_points(
     range_nm: float, count: int, signs: Sequence[int]
 ) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
-    """Return evenly spread points, which a dry run uses instead of the placed points.
+    """Return evenly spread points, which a dry run uses in place of those of a model.
 
     Examples
     --------
@@ -271,17 +271,17 @@ def extension_steps(
 ) -> list[Step]:
     """Return the steps that load proposed points on their branches.
 
-    Every direction is loaded to full scale and unloaded again, even without points. A falling point
-    is then on the loop of the coarse series, and the other direction begins after a full load, as
-    there. The reversal isn't recorded.
+    Every direction is loaded to full scale and unloaded again, even without points. As in the
+    coarse series, a falling point then lies on the full loop, and the other direction begins after
+    a full load. The reversal isn't recorded.
 
     Parameters
     ----------
     proposed : tuple of arrays, shape (k,)
         Torques in N·m, and branches.
     template : Step
-        A point of the coarse series; the new ones are held as long as it is. Their series count
-        on from its number.
+        A point of the coarse series; new points are held as long as this one. Their series are
+        numbered on from its series.
     signs : sequence of int
         Directions in the order in which they are loaded.
     range_nm : float

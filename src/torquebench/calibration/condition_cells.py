@@ -16,12 +16,13 @@ __all__ = ["Cell", "cell_rows", "cells"]
 
 _BINS = 3
 _WHOLE = 10.0
-"""Round limits of cells: speeds in 1/min, temperatures in 0.1 °C, times ten."""
+"""Cells have round limits: multiples of 10 for speeds in 1/min, and a tenth of that for
+temperatures in °C."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """Points of one cell.
+    """Error and coverage of the points in one cell.
 
     Parameters
     ----------
@@ -88,7 +89,7 @@ def cells(data: CalibrationData, torque: Torque) -> tuple[Cell, ...]:
 
 
 def cell_rows(data: CalibrationData, torque: Torque) -> list[list[str]]:
-    """Return a row of words for each cell of speed, temperature and torque with points."""
+    """Return a table row for each cell of speed, temperature and torque that contains points."""
 
     def limits(pair: tuple[float, float] | None, factor: float = 1.0) -> str:
         return "-" if pair is None else f"{factor * pair[0]:.4g} … {factor * pair[1]:.4g}"
@@ -112,7 +113,7 @@ _Part = tuple[float, float, NDArray[np.bool_]]
 
 
 def _parts(values: NDArray[np.float64] | None, whole: float) -> Iterator[_Part | None]:
-    """Yield bins of a quantity and their rows; one bin None if it is unknown or constant."""
+    """Yield the bins of a quantity and their rows; a single None if it is unknown or constant."""
     if values is None or np.ptp(values) < whole:
         yield None
         return

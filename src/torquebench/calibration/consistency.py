@@ -1,13 +1,13 @@
 """Whether the points of a calibration agree with each other.
 
 The error of a healthy chain is a smooth curve in each direction, with a step and ripple, a loop
-between rising and falling torque, a zero that drifts, series that seat anew, and scatter. This is
-a Gaussian process, whose amplitudes are estimated from the table itself: nothing is a limit of
-size. Against it stand explanations of a part of the table: from one row to another a zero has
-moved, a scale has changed, a sign is swapped or a value is stuck; or a single row is wrong. An
-explanation counts where the table is more probable with it by more than its prior odds, which
-contain the rate of false alarms. The probability that a Bayes factor exceeds 1/α in a table without
-a fault is at most α.
+between rising and falling torque, zero drift, re-seating variability between series, and scatter.
+It is described by a Gaussian process, whose amplitudes are estimated from the table itself: no size
+is limited. This description is compared with explanations of a part of the table: from one row to
+another the zero has moved, the scale has changed, a sign is swapped or a value is stuck; or a
+single row is wrong. An explanation is accepted if it makes the table more probable by more than its
+prior odds, which contain the rate of false alarms. The probability that a Bayes factor exceeds 1/α
+in a table without a fault is at most α.
 
 References
 ----------
@@ -32,38 +32,40 @@ Cause = Literal["zero", "scale", "sign", "stuck", "unknown"]
 _Kind = Literal["row", "zero", "scale", "both"]
 
 FALSE_ALARM = 1e-2
-"""Largest probability that a part of a healthy table is taken for a disagreement."""
+"""Largest probability that a part of a healthy table is reported as a disagreement."""
 
 FALSE_DOUBT = 10.0
-"""Factor of the odds of a doubt; as measured, one healthy table in twenty shows one."""
+"""Factor by which the odds of a doubt may be lower; one healthy table in twenty was found to show a
+doubt."""
 
 FALSE_ROW = 0.05
-"""Largest probability that a row of a healthy table is taken for a wrong one, and left out."""
+"""Largest probability that a row of a healthy table is reported as wrong and left out."""
 
 FALSE_ROW_DOUBT = 1.0
-"""Factor of the odds of a doubtful row, which stays."""
+"""Factor by which the odds of a doubtful row, which is kept, may be lower."""
 
 SINGLED_OUT = 0.95
-"""A cause is named from this posterior probability on, and a row is credible to this in sum."""
+"""Smallest posterior probability of a cause that is named, and of a range of rows that is
+credible."""
 
 MOST_POINTS = 220
-"""Larger tables are averaged over neighbours of one branch first."""
+"""Larger tables are first averaged over neighbours of one branch."""
 
 FEWEST_POINTS = 6
 FEWEST_ROWS = 3
-"""Fewer rows that disagree together are single rows."""
+"""Fewer rows than this that disagree together count as single rows."""
 
 _STEEP = 0.015
-"""Torques below this share of the largest one are averaged among themselves only."""
+"""Torques below this share of the largest one are averaged only with each other."""
 _FINEST = 2e-6
 """Smallest scatter, as a share of the largest torque: no standard resolves more."""
 _MOST_EXPLANATIONS = 8
 _TESTED = 5
 _HOPELESS = -13.0
 _BOTH = 0.05
-"""Prior odds of a change of both zero and scale against one of them."""
+"""Prior odds that zero and scale both change instead of one of them."""
 _DECADE = float(np.log(5.0))
-"""Prior odds of the decade that the size of a change lies in."""
+"""Logarithm of the prior odds that the size of a change lies in one decade."""
 
 # Prior mean and standard deviation of the logarithm of each amplitude over the scatter.
 _AMPLITUDES = {
@@ -97,7 +99,7 @@ class WrongRow:
     point : int
         From 0.
     residual_nm : float
-        Standard minus what the others expect, N·m.
+        Standard minus the value expected from the other points, N·m.
     """
 
     point: int
@@ -111,13 +113,13 @@ class Disagreement:
     Parameters
     ----------
     cause : str
-        "unknown" where the data don't single one out.
+        Most probable cause; "unknown" if none is probable enough.
     first, last : int
         Points from 0, both included.
     first_range, last_range : tuple of int
         Credible first and last points.
     zero_nm, scale_percent : float or None
-        By how much standard − reading differs there: a constant, and in proportion to the torque.
+        Change of standard − reading in this part: by a constant, and in proportion to the torque.
     zero_expanded_nm, scale_expanded_percent : float
         Their U (k = 2).
     size_nm : float
@@ -141,22 +143,22 @@ class Disagreement:
 
 @dataclass(frozen=True)
 class Examination:
-    """What a table says about itself.
+    """Result of the comparison of a table's points with each other.
 
     Parameters
     ----------
     scatter_nm : float
-        Standard deviation of a point about the description, N·m.
+        Standard deviation of a point about the fitted Gaussian process, N·m.
     expanded_nm : float
-        Median U (k = 2) of a further reading, as the table allows it, N·m.
+        Median U (k = 2) of a further reading, as estimated from the table, N·m.
     wrong_rows : tuple of WrongRow
     disagreements : tuple of Disagreement
-        The clearest first; none is smaller than `expanded_nm`.
+        The most probable first; none is smaller than `expanded_nm`.
     doubts : tuple of Disagreement
-        Less probable ones, as about one of ten healthy tables shows; single rows among them.
+        Less probable ones, single rows included; about one of ten healthy tables has one.
     from_zeros : bool
         Whether the points agree only if each series counts from its own zero; then `doubts` begin
-        with the parts that don't agree otherwise.
+        with the parts that disagree without this.
     """
 
     scatter_nm: float
@@ -168,7 +170,7 @@ class Examination:
 
 
 def examine(data: CalibrationData) -> Examination:
-    """Return whether the points of a calibration agree with each other.
+    """Examine whether the points of a calibration agree with each other.
 
     Parameters
     ----------
@@ -199,13 +201,14 @@ def examine(data: CalibrationData) -> Examination:
 
 
 _FOLLOWS = 0.1
-"""A value that moves by less than this share of the other is stuck."""
+"""A value is stuck if it changes by less than this share of the other value's change."""
 _LARGE = 0.05
-"""Share of the largest torque beyond which no error of a chain changes a sign or hides a step."""
+"""Share of the largest torque above which the errors of a chain can't swap a sign or hide a
+step."""
 
 
 def _obvious(data: CalibrationData) -> tuple[tuple[Disagreement, ...], NDArray[np.intp]]:
-    """Return parts with a swapped sign or a stuck value, and the points that are left."""
+    """Return parts with a swapped sign or a stuck value, and the remaining points."""
     reading, standard = data.reading_nm, data.standard_nm
     largest = float(min(np.max(np.abs(standard)), np.max(np.abs(reading))))
     loaded = np.minimum(np.abs(reading), np.abs(standard)) > _LARGE * largest
@@ -242,7 +245,7 @@ def _obvious(data: CalibrationData) -> tuple[tuple[Disagreement, ...], NDArray[n
 
 
 def _stuck(held: FloatArray, moving: FloatArray, largest: float) -> Iterator[tuple[int, int]]:
-    """Yield rows from which to before which a value repeats the one before them."""
+    """Yield first row and end of each part in which a value repeats that of the row before."""
     tolerance = max(_FOLLOWS * _LARGE * largest / 2.0, 1e-12)
     start = 0
     while start < held.size - FEWEST_ROWS:
@@ -263,8 +266,8 @@ class _Table:
     """Points in measuring order, the error in units of their scatter about the neighbours.
 
     `unit_nm` is that scatter and `largest_nm` the largest torque; `weight` is the number of rows
-    that a point is the mean of, and `rows` the first row of each point and, at last, their number.
-    `step_nm` is the step of which all errors are multiples, next to nothing if there is none.
+    averaged in a point, and `rows` has the first row of each point and finally the number of rows.
+    `step_nm` is the step of which all errors are multiples, about 0 if there is none.
     """
 
     u: FloatArray
@@ -321,7 +324,7 @@ class _Table:
 
 
 def _blocks(legs: FloatArray, small: NDArray[np.bool_], most: int) -> NDArray[np.intp]:
-    """Return numbers of neighbours of one leg that are averaged: about so many blocks.
+    """Return the block number of each row: neighbours in a leg, in at most about `most` blocks.
 
     Small torques, where a chain's error is steep, aren't averaged with larger ones.
     """
@@ -335,7 +338,7 @@ def _blocks(legs: FloatArray, small: NDArray[np.bool_], most: int) -> NDArray[np
 
 
 def _scatter(u: FloatArray, error: FloatArray, legs: FloatArray) -> float:
-    """Return the robust scatter of errors about the line between their neighbours in a leg."""
+    """Return the robust scatter of errors about the mean of their two neighbours in a leg."""
     order = np.lexsort([u, *legs.T])
     cuts = np.flatnonzero(np.any(np.diff(legs[order], axis=0), axis=1)) + 1
     bends = []
@@ -354,7 +357,7 @@ def _scatter(u: FloatArray, error: FloatArray, legs: FloatArray) -> float:
 
 
 def _resolution(error: FloatArray, largest: float) -> float:
-    """Return the step of which all errors are multiples (Euclid); next to nothing without one."""
+    """Return the step of which all errors are multiples (Euclid); about 0 without one."""
     resolution = 0.0
     for value in np.unique(np.diff(np.unique(error))):
         rest = float(value)
@@ -364,7 +367,7 @@ def _resolution(error: FloatArray, largest: float) -> float:
 
 
 class _Description:
-    """The Gaussian process of a healthy table: its parts, and their amplitudes by evidence."""
+    """Gaussian process of a healthy table: its parts, with amplitudes from the evidence."""
 
     def __init__(self, table: _Table) -> None:
         self.table = table
@@ -373,7 +376,7 @@ class _Description:
         self.shapes = np.stack(list(self.parts.values()))
         priors = np.array([*(_AMPLITUDES[name] for name in self.parts), _SCATTER, _GROWTH])
         self.prior_mean, self.prior_sd = priors.T
-        # What is unknown in every table: the zero, and the span of each direction.
+        # In every table the zero and the span of each direction are unknown.
         wide = 10.0 * max(float(np.max(np.abs(table.error))), 10.0)
         narrow = _DIRECTIONS * table.largest_nm / table.unit_nm
         columns = np.stack([wide * np.ones_like(u), wide * u, min(wide, narrow) * size], axis=1)
@@ -386,7 +389,7 @@ class _Description:
         return np.asarray(scatter / self.table.weight)
 
     def covariance(self, amplitudes: FloatArray, columns: FloatArray) -> FloatArray:
-        """Return the covariance of the points, with explanations in scaled columns."""
+        """Return the covariance of the points; explanations are given as scaled columns."""
         total = self.known + np.tensordot(np.exp(2.0 * amplitudes[:-2]), self.shapes, 1)
         total += columns @ columns.T
         total[np.diag_indices_from(total)] += self._noise(amplitudes)
@@ -399,7 +402,7 @@ class _Description:
     def fit(
         self, columns: FloatArray, start: FloatArray | None = None, steps: int = 60
     ) -> tuple[float, FloatArray]:
-        """Return the largest logarithm of evidence and prior, and its amplitudes."""
+        """Return the largest log of evidence times prior, and the amplitudes that give it."""
         from scipy import optimize  # imported late: profiles don't need it
 
         error = self.table.error
@@ -466,7 +469,7 @@ def _parts(table: _Table) -> Iterator[tuple[str, FloatArray]]:
     yield "rough", jagged(0.06)
     step, near = np.tanh(u / 0.003), np.exp(-size / 0.05)
     yield "step", np.outer(step, step)
-    # A step of any width: smooth in a coordinate that is stretched about zero.
+    # A step of any width is smooth in a coordinate that is stretched about zero.
     stretched = np.arcsinh(u / 0.004)
     close = np.sqrt(3.0) * np.abs(stretched[:, None] - stretched[None, :]) / 2.0
     yield "near zero", np.outer(near, near) * (1.0 + close) * np.exp(-close)
@@ -476,25 +479,27 @@ def _parts(table: _Table) -> Iterator[tuple[str, FloatArray]]:
             here = table.direction == sign
             top[here] = max(float(size[here].max()), 1e-9)
         inside = np.sqrt(np.maximum(1.0 - size / top, 0.0))
-        # Dry friction reverses soon after the torque has turned; it may rest where there is none.
+        # Dry friction reverses soon after the torque has reversed; at zero torque it may keep its
+        # state.
         turning = np.maximum(1.0 - size / top, 0.0) / 0.03
         friction = np.where(branch > 0, 1.0, 2.0 * np.exp(-turning) - 1.0)
         closed = 1.0 - np.exp(-size / 0.01)
         either = 1.0 + np.outer(closed, closed)
         alike_in_size = np.exp(-0.5 * ((size[:, None] - size[None, :]) / 0.4) ** 2)
-        # The error of a loop has one sign in both directions, or that of the torque's change.
+        # The error of a loop has the same sign in both directions ("loop"), or the sign of the
+        # direction ("lag").
         for name, sign in (("loop", 1.0), ("lag", table.direction)):
             elastic, dry = sign * branch * inside, sign * friction
             yield name, np.outer(elastic, elastic) * alike_in_size
             # Dry friction has a part that is the same at all torques and one that grows with them.
             with_torque = 0.49 * (1.0 + np.outer(size, size)) + 0.02 * alike_in_size
-            # It may rest, partly, at the turn itself.
+            # A part of it may remain at the reversal itself.
             rest = sign * np.exp(-turning)
             shape = np.outer(dry, dry) + np.outer(rest, rest)
             yield f"{name} of friction", shape * either * with_torque
         yield "slip", np.outer(branch, branch) * alike * jagged(0.1)
     time = np.arange(u.size) / max(u.size - 1, 1)
-    # Drift is smooth in time, or in its logarithm: settling and creep.
+    # Drift is smooth in time, or in the logarithm of time (settling and creep).
     settling = np.log1p(time / 0.03) / np.log1p(1.0 / 0.03)
     late, early = (each[:, None] - each[None, :] for each in (time, settling))
     yield "drift", 0.5 * (np.exp(-2.0 * late**2) + np.exp(-2.0 * early**2))
@@ -515,7 +520,7 @@ def _parts(table: _Table) -> Iterator[tuple[str, FloatArray]]:
 
 @dataclass(frozen=True)
 class _Explanation:
-    """A change of zero, of scale or of both from one point to before another, or of one row."""
+    """A change of zero, of scale or of both over a range of points, or a single wrong row."""
 
     kind: _Kind
     first: int
@@ -539,7 +544,7 @@ class _Explanation:
 
 @dataclass(frozen=True, eq=False)
 class _Tested:
-    """An explanation beside others, with the evidence and amplitudes of all of them."""
+    """An explanation added to others, with the evidence and amplitudes of all together."""
 
     odds: float
     evidence: float
@@ -549,7 +554,7 @@ class _Tested:
 
 
 def _least_log_odds(explanation: _Explanation) -> float:
-    """Return the logarithm of the odds above which an explanation is stated."""
+    """Return the log odds from which on an explanation is reported."""
     certain, doubtful = (
         (FALSE_ROW, FALSE_ROW_DOUBT) if explanation.kind == "row" else (FALSE_ALARM, FALSE_DOUBT)
     )
@@ -557,7 +562,7 @@ def _least_log_odds(explanation: _Explanation) -> float:
 
 
 class _Search:
-    """The search for the explanations with which a table is most probable."""
+    """Search for the explanations with which a table is most probable."""
 
     def __init__(self, table: _Table) -> None:
         self.table, self.size = table, table.u.size
@@ -568,13 +573,14 @@ class _Search:
         self.cut[[0, *cuts, self.size]] = True
         first, end = np.triu_indices(self.size + 1, 1)
         keep = ((end - first >= FEWEST_ROWS) & (first > 0)) | (end - first == 1)
-        # A beginning and the end after it are one change: the later part is named.
+        # A change from a row on and the opposite change up to it are equivalent: the later part is
+        # named.
         self.first, self.end = first[keep], end[keep]
         self.doubtful: list[_Tested] = []
         self.prior = self._priors(self.first, self.end)
 
     def _priors(self, first: NDArray[np.intp], end: NDArray[np.intp]) -> FloatArray:
-        """Return the logarithm of the prior odds of a change from one point to another."""
+        """Return the log prior odds of a change from one point to another."""
         n, legs = self.size, int(self.cut.sum())
         odds = np.full(first.size, 0.2 / (n * n / 2.0))
         odds[end == n] = 0.5 / n
@@ -583,7 +589,7 @@ class _Search:
         return np.asarray(np.log(FALSE_ALARM * odds) - _DECADE)
 
     def prior_of(self, explanation: _Explanation) -> float:
-        """Return the logarithm of the prior odds of an explanation."""
+        """Return the log prior odds of an explanation."""
         if explanation.kind == "row":
             return float(np.log(FALSE_ROW / self.size))
         where = np.array([explanation.first]), np.array([explanation.end])
@@ -598,7 +604,7 @@ class _Search:
     def candidates(
         self, amplitudes: FloatArray, accepted: Sequence[_Explanation]
     ) -> list[tuple[float, _Explanation]]:
-        """Return the most probable further explanations, with the logarithm of their odds."""
+        """Return the most probable further explanations, with their log odds."""
         scores = list(self._scan(amplitudes, accepted))
         known = {each.place for each in accepted}
         found = []
@@ -619,7 +625,7 @@ class _Search:
     def _scan(
         self, amplitudes: FloatArray, accepted: Sequence[_Explanation]
     ) -> Iterator[tuple[_Kind, FloatArray, FloatArray, FloatArray]]:
-        """Yield odds and sizes of every change of each kind, at these amplitudes."""
+        """Yield odds and sizes of all changes of each kind, for given amplitudes."""
         u, first, end = self.table.u, self.first, self.end
         precision = self.description.precision(amplitudes, self.columns(accepted))
         pull = precision @ self.table.error
@@ -665,7 +671,7 @@ class _Search:
     def run(self) -> tuple[list[_Explanation], FloatArray]:
         """Return the accepted explanations, and the amplitudes.
 
-        What is only doubtful isn't accepted, so that nothing follows from it.
+        Doubts aren't accepted, so that they don't influence the search.
         """
         accepted: list[_Explanation] = []
         evidence, amplitudes = self.description.fit(self.columns(accepted))
@@ -680,14 +686,14 @@ class _Search:
             if best is None or best.odds <= 0.0:
                 self._doubt(tested)
                 break
-            if best.explanation.kind == "row":  # a part may explain it as well
+            if best.explanation.kind == "row":  # a change over several rows may explain it as well
                 self._doubt([one for one in tested if one.evidence > best.evidence])
             evidence, amplitudes = best.evidence, best.amplitudes
             accepted.append(best.explanation)
         return self._pruned(accepted, evidence, amplitudes)
 
     def _doubt(self, tested: Sequence[_Tested]) -> None:
-        """Keep the most probable explanation of each of some rows, if it is a doubt."""
+        """Record the most probable explanation of each group of rows, if it is a doubt."""
         for one in sorted(tested, key=lambda each: -each.odds):
             first, end = one.explanation.first, one.explanation.end
             apart = all(
@@ -700,7 +706,10 @@ class _Search:
     def _promising(
         self, amplitudes: FloatArray, accepted: Sequence[_Explanation]
     ) -> list[_Explanation]:
-        """Return explanations to test; what a fault has inflated hides it, and its size."""
+        """Return explanations to test, by the fitted amplitudes and by those of the prior.
+
+        A fault inflates the fitted amplitudes, which can hide it and its size.
+        """
         found: dict[tuple[str, int, int], _Explanation] = {}
         for assumed in (amplitudes, self.description.prior_mean):
             for _, one in self.candidates(assumed, accepted)[:_TESTED]:
@@ -713,7 +722,7 @@ class _Search:
     def _pruned(
         self, accepted: list[_Explanation], evidence: float, amplitudes: FloatArray
     ) -> tuple[list[_Explanation], FloatArray]:
-        """Leave out explanations that later ones made superfluous."""
+        """Remove explanations that later ones made superfluous."""
         for explanation in tuple(accepted):
             others = [each for each in accepted if each is not explanation]
             less, fitted = self.description.fit(self.columns(others), amplitudes, 40)
@@ -722,7 +731,7 @@ class _Search:
         return accepted, amplitudes
 
     def examination(self) -> Examination:
-        """Return what the table says about itself."""
+        """Run the search, and return its result."""
         accepted, amplitudes = self.run()
         table = self.table
         precision = self.description.precision(amplitudes, self.columns(accepted))
@@ -742,7 +751,7 @@ class _Search:
         doubtful = [
             self._disagreement(one.explanation, one.others, one.amplitudes) for one in self.doubtful
         ]
-        # One step of a display is no contradiction.
+        # A difference of one display step isn't a contradiction.
         doubtful += [part for part in parts if part.size_nm <= 1.5 * table.step_nm]
         parts = [part for part in parts if part.size_nm > 1.5 * table.step_nm]
         doubts = [
@@ -756,13 +765,13 @@ class _Search:
     def _sizes(
         self, explanation: _Explanation, others: Sequence[_Explanation], amplitudes: FloatArray
     ) -> tuple[list[float], list[float]]:
-        """Return an explanation's zero and scale, those that it has, and their U (k = 2), N·m."""
+        """Return an explanation's changes of zero and scale and their U (k = 2), N·m."""
         columns = self.columns([explanation, *others])
         precision = self.description.precision(amplitudes, columns)
         count = 2 if explanation.kind == "both" else 1
         prior = [explanation.zero, explanation.scale]
         own = columns[:, :count]
-        # Coefficients are in units of their prior standard deviations.
+        # Coefficients are multiples of their prior standard deviations.
         units = self.table.unit_nm * np.array(
             prior if count == 2 else prior[explanation.kind == "scale" :][:1]
         )
@@ -776,7 +785,7 @@ class _Search:
         others: Sequence[_Explanation],
         amplitudes: FloatArray,
     ) -> Disagreement:
-        """Return an explanation with its cause and its credible place."""
+        """Return an explanation as a disagreement, with its cause and credible rows."""
         cause: Cause = "unknown"
         first, end = (explanation.first,) * 2, (explanation.end,) * 2
         if explanation.kind != "row":
@@ -813,7 +822,7 @@ class _Search:
 
 
 def _credible(at: NDArray[np.intp], weight: FloatArray, chosen: int) -> tuple[int, int]:
-    """Return the smallest and largest place of those that hold the credible share of weight."""
+    """Return the range of the most probable positions that hold the credible share."""
     total = np.bincount(at, weights=weight)
     order = np.argsort(-total)
     count = int(np.searchsorted(np.cumsum(total[order]), SINGLED_OUT * total.sum())) + 1

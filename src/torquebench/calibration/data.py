@@ -33,13 +33,13 @@ __all__ = [
 ]
 
 RANGE_MARGIN = 0.02
-"""Share of the range by which readings and standard values may exceed it."""
+"""Share of the range by which readings and standard values may exceed the range."""
 
 UNLOADED_SHARE = 0.001
 """Standard values below this share of the range are treated as unloaded, without a direction."""
 
 STREAM_S = 1.0
-"""Rows of a rotating chain farther apart than this are steady points, not a record."""
+"""Rows of a rotating chain farther apart in time than this are steady points, not a record."""
 
 REQUIRED_COLUMNS = ("reading_nm", "standard_nm", "series", "branch")
 
@@ -80,7 +80,7 @@ class CalibrationData:
     zero_temperature_c : array of float, shape (n,), optional
         Temperature of the transducer when the zero that each reading counts from was taken.
     zero_nm : array of float, shape (n,), optional
-        That zero itself, as a torque by the transducer's nominal zero, in N·m.
+        That zero itself, as a torque from the transducer's nominal zero, in N·m.
     standard_temperature_c : array of float, shape (n,), optional
         Temperature of the standard.
     true_torque_nm : array of float, shape (n,), optional
@@ -93,11 +93,11 @@ class CalibrationData:
     measured_on : datetime.date or str, optional
         Day of the measurement, from which the age of a calibration counts; ISO 8601 as text.
     tared : bool
-        Whether the readings of each series count from its own zero already, as those of a bench.
+        Whether the zero of each series is already subtracted from its readings, as on a bench.
     row : array of int, shape (n,), optional
         Row of each point in its table, as the file numbers them.
     table : array of str, shape (n,), optional
-        Name of that table, where the points are of several.
+        Name of that table, if the points come from several.
     scale : ReadingScale, optional
         Unit that the readings came in, where it wasn't N·m.
 
@@ -189,7 +189,7 @@ class CalibrationData:
         return html_table(repr(self), (), rows)
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
-        """Hand the columns over to Arrow: ``pyarrow.table(data)``, ``polars.DataFrame(data)``."""
+        """Return the columns for Arrow: ``pyarrow.table(data)``, ``polars.DataFrame(data)``."""
         import pyarrow
 
         present = {
@@ -227,7 +227,7 @@ class CalibrationData:
         return np.asarray(first[number.reshape(-1)])
 
     def zeroed_each_series(self) -> Self:
-        """Return the points with the temperature of their zeros, taken just before each series."""
+        """Return the points with temperatures for zeros that were taken just before each series."""
         if self.temperature_c is None:
             return self
         return replace(self, zero_temperature_c=self.temperature_c[self.first_of_series])
@@ -236,7 +236,7 @@ class CalibrationData:
     def loading_accuracy_percent(self) -> float | None:
         """Largest difference of the standard from the request, % of range.
 
-        None where the table doesn't say the request.
+        None if the table doesn't state the request.
         """
         error = self.loading_error_percent
         return None if error is None else float(np.max(np.abs(error)))
@@ -250,7 +250,7 @@ class CalibrationData:
 
     @property
     def steady(self) -> bool:
-        """Whether the points are steady means; rows of a speed within `STREAM_S` are a record."""
+        """Whether the points are steady means, not the rows of a record (`STREAM_S`)."""
         if self.time_s is None or self.speed_rpm is None or len(self) < 2:
             return True
         step = np.diff(self.time_s)
@@ -264,7 +264,7 @@ class CalibrationData:
         Parameters
         ----------
         zero_temperature_c : float, optional
-            Temperature of the transducer when the zero was taken, in the place of the table's.
+            Temperature of the transducer when the zero was taken; replaces that of the table.
         zeroed_each_series : bool
             Whether a table without that temperature was zeroed at the first point of each series.
             Otherwise its zero is that of the calibration.
@@ -297,7 +297,7 @@ class CalibrationData:
         Raises
         ------
         InputError
-            If these data don't have the column.
+            If a requested column is missing.
 
         Examples
         --------
@@ -474,8 +474,8 @@ class CalibrationData:
     def noise_floor(self) -> NoiseFloor | None:
         """Return the scatter of points that repeat a step, its branch and its direction.
 
-        Zeros after clockwise and after counter-clockwise load aren't repeats: hysteresis parts
-        them. None where no step was repeated.
+        Zeros after clockwise and after counter-clockwise load aren't repeats: they differ by
+        hysteresis. None where no step was repeated.
         """
         return noise_floor(self.features(2), self.standard_nm, self.step_labels())
 
@@ -526,8 +526,8 @@ class CalibrationData:
     def concatenate(cls, parts: Sequence[Self]) -> Self:
         """Return several tables of one chain as one, series renumbered so that none coincide.
 
-        Of different standards the larger uncertainty counts, of different days the earliest. If one
-        of them isn't stated, the day isn't known.
+        The result has the largest uncertainty of the standards and the earliest day; if the day of
+        one table isn't stated, the result has none.
 
         Parameters
         ----------
@@ -575,16 +575,16 @@ OPTIONAL_COLUMNS = tuple(
 """Columns of a calibration beside readings, standard, series and branch."""
 
 PLACE_COLUMNS = ("row", "table")
-"""Where in its table a point stands: no part of its data."""
+"""Columns that state the row and table of a point: no part of its data."""
 
 
 def infer_branch(standard_nm: ArrayLike, series: ArrayLike) -> NDArray[np.int8]:
     """Return the branch of each point of a table that is in measuring order.
 
-    Within a series a point is up where |standard| is larger than at the point before (or where
-    the torque has changed its direction) and down where it is smaller. Changes below 0.1 % of
-    the largest |standard| are no change: such a point keeps the branch of the one before. The
-    first point of a series takes the branch of the next one, and a series of one point is up.
+    Within a series a point is up where |standard| is larger than at the point before (or where the
+    torque has changed its direction) and down where it is smaller. Changes below 0.1 % of the
+    largest |standard| are ignored: such a point keeps the branch of the point before. The first
+    point of a series has the branch of the next one, and a series of one point is up.
 
     Parameters
     ----------
@@ -621,8 +621,8 @@ def infer_branch(standard_nm: ArrayLike, series: ArrayLike) -> NDArray[np.int8]:
 def infer_series(standard_nm: ArrayLike) -> NDArray[np.int64]:
     """Return the number of the series of each point of a table in measuring order, from 1.
 
-    A series is at most one rise and fall in each direction: where torque rises again in a direction
-    in which it has fallen, another one begins, with the last of several unloaded points before it.
+    A series is at most one rise and fall in each direction. Where torque rises again in a direction
+    in which it has fallen, the next series begins, with the last of the unloaded points before.
 
     Examples
     --------
@@ -642,7 +642,7 @@ def infer_series(standard_nm: ArrayLike) -> NDArray[np.int64]:
             if rises or side[row] != side[last]:
                 fallen.add(bool(side[last]))
                 if bool(side[row]) in fallen:
-                    # One reading between belongs to the end of the series before.
+                    # A single reading between them belongs to the end of the series before.
                     repeated = row == last + 1 and last > 0 and size[last] == size[last - 1]
                     starts.append(row - 1 if row > last + 2 or repeated else row)
                     fallen = set()
@@ -651,7 +651,7 @@ def infer_series(standard_nm: ArrayLike) -> NDArray[np.int64]:
 
 
 def plainest(value: float, within: float) -> float:
-    """Return the number with the fewest digits within a share of a value.
+    """Return the number with the fewest digits that deviates from a value by at most a share of it.
 
     Examples
     --------
@@ -671,7 +671,8 @@ def _branch_of_series(torque: NDArray[np.float64], tolerance: float) -> NDArray[
     known = np.flatnonzero(step)
     if known.size == 0:
         return np.ones(torque.size, dtype=np.int8)
-    # Each unknown change takes the last known one; those before the first known change take that.
+    # Each unknown change takes the last known one; changes before the first known one take that
+    # one.
     last_known = np.maximum.accumulate(np.where(step != 0, np.arange(step.size), -1))
     filled = step[np.where(last_known >= 0, last_known, known[0])]
     return np.concatenate([filled[:1], filled]).astype(np.int8)

@@ -55,7 +55,7 @@ class ReferenceStandard:
     serial, certificate_number : str
         Of the standard and of its certificate.
     due : datetime.date or None
-        Last day on which its certificate counts; None if none was stated.
+        Last day on which its certificate is valid; None if not stated.
     """
 
     serial: str = ""
@@ -72,13 +72,13 @@ class CalibrationRecord:
     data : CalibrationData
         The points in measuring order.
     performed : datetime.datetime
-        When, with time zone.
+        Time of the calibration, with time zone.
     reference : ReferenceStandard
         The reference standard of the points.
     unsettled : int
-        Points that still drifted when their waiting time was over.
+        Number of points that still drifted at the end of their waiting time.
     changes : tuple of str
-        Changes of the record after it was sealed; empty for an intact one.
+        Changes of the record since it was sealed; empty if there are none.
     """
 
     data: CalibrationData
@@ -138,7 +138,7 @@ def find_deviations(record: CalibrationRecord, profile: Profile) -> tuple[Deviat
     Returns
     -------
     tuple of Deviation
-        Empty where the profile was kept.
+        Empty if the calibration followed the profile.
 
     Examples
     --------
@@ -192,7 +192,7 @@ def refuse_deviations(deviations: tuple[Deviation, ...]) -> None:
     Raises
     ------
     RecordError
-        Naming every deviation that it refuses, with its clause.
+        With every refused deviation and its clause.
     """
     refused = [deviation for deviation in deviations if deviation.consequence == "refuse"]
     if refused:
@@ -207,12 +207,12 @@ def refuse_deviations(deviations: tuple[Deviation, ...]) -> None:
 
 
 def check_steps(profile: Profile) -> None:
-    """Refuse a profile of random torques, by which no series can be compared step by step.
+    """Refuse a profile of random torques, whose series can't be compared step by step.
 
     Raises
     ------
     InputError
-        With the packaged profiles of steps, and what random torques are for.
+        With the packaged profiles of steps, and the use of random torques.
     """
     if profile.loading.pattern != "random":
         return
@@ -232,13 +232,13 @@ def check_steps(profile: Profile) -> None:
 def assign_nominal(data: CalibrationData, profile: Profile) -> CalibrationData:
     """Return the data with the profile's nearest step as nominal torque of each point.
 
-    Data that have nominal torques already are returned as they are; steps of the table that are
-    none of the profile keep their own torque, see `own_steps`.
+    Data with nominal torques are returned unchanged; steps that the profile doesn't have keep their
+    own torque, see `own_steps`.
 
     Raises
     ------
     InputError
-        Where the profile draws its points at random.
+        If the profile has random points.
 
     Examples
     --------
@@ -257,7 +257,7 @@ def assign_nominal(data: CalibrationData, profile: Profile) -> CalibrationData:
 def ladder_points(data: CalibrationData, profile: Profile) -> NDArray[np.bool_]:
     """Return which points belong to series with the profile's steps, shape (n,).
 
-    All of them, except for later series of an adaptive calibration.
+    These are all points, except in the later series of an adaptive calibration.
     """
     if profile.adaptive is None or data.nominal_nm is None:
         return np.ones(len(data), dtype=np.bool_)

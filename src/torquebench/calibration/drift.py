@@ -29,7 +29,7 @@ RANGE_FACTOR = 3.267
 """D₄ for moving ranges of two: upper limit of the moving range."""
 
 RUN_LENGTH = 8
-"""This many values in a row on one side of the mean are a signal (Western Electric rule 4)."""
+"""Number of values in a row on one side of the mean that are a signal (Western Electric rule 4)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class ControlChart:
     values : float64[n]
         In the order of time.
     centre, lower, upper : float
-        Mean of the base values, and the limits of single values about it.
+        Mean of the base values, and limits of single values about it.
     moving_range : float64[n - 1]
         Differences of neighbours.
     moving_range_mean, moving_range_upper : float
@@ -73,7 +73,7 @@ class ControlChart:
 
 @dataclass(frozen=True)
 class Trend:
-    """Test and line for a steady change of values with time.
+    """Test for a steady change of values with time, and the fitted line.
 
     Attributes
     ----------
@@ -100,15 +100,15 @@ class DriftPrediction:
     Attributes
     ----------
     earliest : datetime or None
-        When the prediction interval first reaches a limit; None where not within the horizon.
+        Time at which the prediction interval first reaches a limit; None if not within the horizon.
     expected : datetime or None
-        When the line itself does.
+        Time at which the line reaches it.
     latest : datetime or None
-        When the whole interval has.
+        Time at which the whole interval is beyond it.
     per_year : float
         Slope of the line, in units of the value per year.
     level : float
-        Of the prediction interval of a single further value.
+        Level of the prediction interval of a single further value.
     horizon : datetime
         End of the prediction.
     """
@@ -151,7 +151,7 @@ def individuals_chart(values: ArrayLike, base: int | None = None) -> ControlChar
     values : array of float, shape (n,)
         At least 3.
     base : int, optional
-        How many of the first values the limits are computed from; all by default.
+        Number of first values from which the limits are computed; all by default.
 
     Raises
     ------
@@ -205,10 +205,10 @@ def find_trend(moments: list[datetime], values: ArrayLike, *, level: float = 0.0
     Parameters
     ----------
     moments : list of datetime
-        When each value was found.
+        Time of each value.
     values : array of float, shape (n,)
     level : float, default 0.05
-        Below which p-value a trend counts as significant.
+        p-value below which a trend is significant.
 
     References
     ----------
@@ -224,10 +224,10 @@ def find_trend(moments: list[datetime], values: ArrayLike, *, level: float = 0.0
     years, x = _years(moments), _finite(values)
     if np.unique(years).size < 4:
         return None
-    # Equal values give neither trend nor correlation.
+    # If all values are equal, there is neither trend nor correlation.
     if np.ptp(x) == 0.0:
         return Trend(0.0, 1.0, 0.0, 0.0, significant=False)
-    from scipy import stats  # imported late: an evaluation doesn't need it
+    from scipy import stats  # imported late: an evaluation doesn't need SciPy's statistics
 
     rank = stats.kendalltau(years, x)
     line = stats.linregress(years, x)
@@ -257,14 +257,14 @@ def predict_drift(
     Parameters
     ----------
     moments : list of datetime
-        When each value was found, at least 3 different ones.
+        Time of each value, at least 3 different times.
     values : array of float, shape (n,)
     tolerance : float
         Tolerance, in the unit of the values.
     centre : float
         Centre of the tolerance.
     level : float
-        Of the prediction interval.
+        Level of the prediction interval.
     horizon_years : float
         Length of the prediction after the last value, years.
 
@@ -323,8 +323,8 @@ def propose_due_date(
 ) -> date:
     """Return the proposed date of the next calibration.
 
-    The date is before the prediction interval reaches the tolerance, and at most `longest_days`
-    after the last calibration; if the interval has reached it already, it is now.
+    It is before the prediction interval reaches the tolerance, and at most `longest_days` after the
+    last calibration; if the interval has already reached the tolerance, it is today.
 
     Examples
     --------

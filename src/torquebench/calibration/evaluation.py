@@ -1,7 +1,7 @@
 """Static evaluation of a calibration in steps: deviations in % of reading, uncertainty, class.
 
 Quantities and formulas follow the general practice of EURAMET cg-14 and DIN 51309 as far as it is
-public; they were not checked against the licensed texts, and nothing here claims conformity.
+public; they were not checked against the licensed texts, and don't claim conformity.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -51,7 +51,7 @@ class LoadingSeries:
         Mounting position.
     increasing : array of float, shape (m,)
         Deflections X = I − I₀ at the steps, in the unit of the indication, above 0; NaN at steps
-        that the series hasn't.
+        that the series doesn't have.
     decreasing : array of float, shape (m,), optional
         Deflections X′ at the same steps (in rising order of torque) with decreasing torque.
     zero_return : float, optional
@@ -87,7 +87,7 @@ class Interpolation:
 
     @property
     def equation(self) -> str:
-        """The polynomial in words, for M in N·m, to 10⁻⁹ of its value at the largest torque.
+        """The polynomial as text, for M in N·m, to 10⁻⁹ of its value at the largest torque.
 
         Examples
         --------
@@ -131,7 +131,7 @@ class Regression:
 
 
 def regression(torque_nm: ArrayLike, deflection: ArrayLike) -> Regression | None:
-    """Return the least-squares line of deflections over torques; None without two torques.
+    """Return the least-squares line of deflections over torques; None for fewer than two torques.
 
     Examples
     --------
@@ -157,7 +157,7 @@ def regression(torque_nm: ArrayLike, deflection: ArrayLike) -> Regression | None
 class StaticEvaluation:
     """All quantities of a static calibration; relative ones in % of the mean deflection.
 
-    A quantity is NaN at a step where it wasn't measured, and None where it wasn't at any.
+    A quantity is NaN at a step where it wasn't measured, and None if it was never measured.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ class StaticEvaluation:
     def components(
         self, degree: int, form: Reproducibility, *, decreasing: bool
     ) -> dict[str, FloatArray]:
-        """Return the standard uncertainties of which the combined one consists, in %.
+        """Return the standard uncertainties that make up the combined one, in %.
 
         A step at which a quantity wasn't measured takes its largest value at the other steps.
 
@@ -252,7 +252,7 @@ class StaticEvaluation:
         Raises
         ------
         InputError
-            Where decreasing torque is to count and wasn't measured.
+            If decreasing torque shall count and wasn't measured.
         """
         ones = np.ones_like(self.torque_nm)
         components = {
@@ -311,14 +311,14 @@ def evaluate_static(
 ) -> StaticEvaluation:
     """Evaluate a calibration in steps.
 
-    Each step is evaluated over the series that have it. Where the first of several positions has
-    two series, the second one is the repeat and enters b′ alone; further series of a position are
-    averaged with each other.
+    Each step is evaluated over the series that have it. If the first of several positions has two
+    series, the second one is the repeat and contributes to b′ only; other series of a position are
+    averaged.
 
     Parameters
     ----------
     torque_nm : array of float, shape (m,)
-        Rising steps above 0, in N·m. Those of the evaluated deflections.
+        Steps of the deflections, rising, above 0, in N·m.
     series : sequence of LoadingSeries
         In the order in which they were measured.
     resolution : float
@@ -357,7 +357,7 @@ def evaluate_static(
     averaged = [rows[:1] if k == 0 and len(tables) > 1 and len(rows) == 2 else rows
                 for k, rows in enumerate(tables)]  # fmt: skip
     of_position = np.stack([_mean(rows) for rows in averaged])
-    # A step that only the repeat has is evaluated by it.
+    # A step that only the repeat has is evaluated from the repeat.
     lacking = np.all(np.isnan(of_position), axis=0)
     of_position[0, lacking] = _mean(tables[0])[lacking]
     mean = _mean(of_position)
@@ -433,8 +433,8 @@ def _reversibility(series: Sequence[LoadingSeries], mean: FloatArray) -> FloatAr
 
 
 def _interpolate(torque: FloatArray, mean: FloatArray, degree: int) -> Interpolation:
-    # Scaled to 1, the powers are well conditioned; one step of refinement takes the residual's
-    # rounding out, which matters because f_a is a small difference of large numbers.
+    # Torques scaled to 1 keep the powers well conditioned; one refinement step removes the rounding
+    # error of the residual, which matters because f_a is a small difference of large numbers.
     largest = float(torque[-1])
     powers = np.arange(1, degree + 1)
     columns = (torque[:, None] / largest) ** powers
@@ -530,8 +530,8 @@ class Classification:
     Parameters
     ----------
     starts_nm : dict of float to float or None
-        By class: the smallest step from which on every step up to the largest meets every limit;
-        None where not even the largest does.
+        For each class, the smallest step from which all steps up to the largest meet every limit;
+        None if the largest doesn't.
     whole_range : float or None
         Best class over all steps.
     """
@@ -593,8 +593,8 @@ def classify(
 ) -> Classification:
     """Find the class of a calibration and the range over which each class is met.
 
-    Quantities are compared as they are stated, to `PERCENT_DIGITS` decimals. A step at which a
-    quantity wasn't measured meets no class.
+    Quantities are rounded to `PERCENT_DIGITS` decimals before the comparison, as they are stated. A
+    step at which a quantity wasn't measured meets no class.
 
     Parameters
     ----------
@@ -612,7 +612,7 @@ def classify(
     Raises
     ------
     InputError
-        Where a quantity that a class needs wasn't measured: a class is never given on part of it.
+        If a quantity that a class needs wasn't measured.
     """
     starts: dict[float, float | None] = {}
     for accuracy_class in CLASSES:

@@ -1,4 +1,4 @@
-"""What speaks against a calibration: points that contradict each other, exceeded limits."""
+"""Contradictions of a calibration: points that contradict each other, and exceeded limits."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -28,14 +28,14 @@ ContradictionKind = Literal[
 ]
 
 FALSE_MOVE = 1e-3
-"""Probability that the zeros of series seem to have moved where they haven't."""
+"""Probability of a false report that the zeros of series have moved."""
 
 
 class Plausibility(BaseModel):
     """Limits of size that a profile states for its own transducers, in % of full scale.
 
-    A model of points that exceed one of these is not put into use; a person may decide otherwise.
-    None is no limit. That points contradict each other needs no limit: see `examine`.
+    A model of points that exceed a limit isn't put into use, unless a person decides otherwise.
+    None means no limit. Contradictions between points are found without limits: see `examine`.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Plausibility(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _of_earlier_versions(cls, values: Any) -> Any:
-        """Leave out two limits of version 0.2.0, which the points themselves replace now."""
+        """Drop two limits of version 0.2.0, which the comparison of the points replaces."""
         if not isinstance(values, dict):
             return values
         gone = ("split_percent", "scatter_percent")
@@ -89,7 +89,7 @@ class Contradiction:
     found, allowed : str
         With values and units.
     cause : str
-        The cause that the points single out; possible causes of an exceeded limit.
+        The most probable cause by the points; possible causes of an exceeded limit.
     """
 
     kind: ContradictionKind
@@ -115,7 +115,7 @@ class Contradiction:
 
     @classmethod
     def of_text(cls, text: str) -> Self:
-        """Return the contradiction that a model file states as a sentence.
+        """Rebuild the contradiction from its sentence in a model file.
 
         Examples
         --------
@@ -137,11 +137,11 @@ class Contradiction:
 
 
 def examine_table(data: CalibrationData) -> Examination:
-    """Return whether the points of a calibration agree with each other.
+    """Examine whether the points of a calibration agree with each other.
 
-    They are compared as they were read: a single wrong zero would move its whole series. Where the
-    points, or their repeats, agree only if each series counts from its own zero, they are compared
-    so, and the parts that don't agree otherwise are doubts.
+    The readings are compared without subtracting the zero of each series, because a single wrong
+    zero would move its whole series. If the points, or their repeats, agree only with these zeros
+    subtracted, they are compared that way, and the parts that disagree without it are doubts.
     """
     as_read, points = examine(data), tare(data).data
     if np.array_equal(points.reading_nm, data.reading_nm):
@@ -157,8 +157,8 @@ def examine_table(data: CalibrationData) -> Examination:
 
 
 def _zeros_moved(data: CalibrationData, points: CalibrationData) -> bool:
-    """Return whether repeated loads agree better from the zeros of their series, by an F-test."""
-    from scipy.special import fdtri  # imported late: profiles don't need it
+    """Return whether repeats agree better without the zeros of their series, by an F-test."""
+    from scipy.special import fdtri  # imported late: profiles don't need SciPy
 
     loaded = np.flatnonzero(~data.unloaded)
     as_read, from_zeros = (each.subset(loaded).noise_floor() for each in (data, points))
@@ -178,20 +178,20 @@ def find_contradictions(
     torque_nm: FloatArray | None = None,
     before_nm: FloatArray | None = None,
 ) -> tuple[Contradiction, ...]:
-    """Return what speaks against a calibration, the clearest first.
+    """Return the contradictions of a calibration, the clearest first.
 
     Parameters
     ----------
     data : CalibrationData
         In measuring order.
     limits : Plausibility, optional
-        Of the profile that was followed.
+        Limits of the profile that was followed.
     examination : Examination, optional
-        Of `examine_table`, if known already.
+        Result of `examine_table`, if known already.
     torque_nm : array of float, shape (n,), optional
         Compensated torque of each reading by the fitted model.
     before_nm : array of float, shape (n,), optional
-        The same by the previous model; NaN where that doesn't reach.
+        The same by the previous model; NaN outside its range.
 
     Returns
     -------
@@ -219,7 +219,7 @@ def find_contradictions(
 def contradiction_of(
     data: CalibrationData, part: Disagreement, examination: Examination
 ) -> Contradiction:
-    """Return a part that disagrees with the rest as a contradiction, with the file's rows."""
+    """Return a disagreeing part as a contradiction, with the file's row numbers."""
     where = _place(data, part)
     allowed = Message(
         "a difference of at most {expanded:.2g} N·m, the U (k = 2) of a reading by the other rows",
@@ -271,7 +271,7 @@ def contradiction_of(
 
 
 def rows_in_words(data: CalibrationData, first: int, last: int | None = None) -> str:
-    """Return points by the rows of their file, or by their number from 1 where there is none.
+    """Describe points by the rows of their file, or by their numbers from 1.
 
     Examples
     --------
@@ -316,7 +316,7 @@ def _place(data: CalibrationData, part: Disagreement) -> str:
 
 
 def _opposite(data: CalibrationData) -> list[Contradiction]:
-    """Return that reading and standard have opposite signs in the whole table."""
+    """Return a contradiction if reading and standard have opposite signs in the whole table."""
     reading, standard = data.reading_nm, data.standard_nm
     if np.ptp(standard) == 0.0 or np.ptp(reading) == 0.0:
         return []
@@ -339,7 +339,7 @@ def _exceeded(
     torque_nm: FloatArray | None,
     before_nm: FloatArray | None,
 ) -> Iterator[Contradiction]:
-    """Yield the limits that the profile states and the points exceed."""
+    """Yield a contradiction for each limit of the profile that the points exceed."""
     if limits.loop_percent is not None:
         yield from _loops(data, limits.loop_percent)
     if limits.repeat_percent is not None and data.nominal_nm is not None:
@@ -412,7 +412,7 @@ def _loops(data: CalibrationData, limit: float) -> Iterator[Contradiction]:
 
 
 def _middle_of_neighbours(values: FloatArray) -> FloatArray:
-    """Return the median of each finite value and its neighbours: one outlier opens no loop."""
+    """Return medians of each finite value and its neighbours, so that one outlier makes no loop."""
     medians = values.copy()
     known = np.flatnonzero(np.isfinite(values))
     for before, here, after in zip(known, known[1:], known[2:], strict=False):
@@ -425,7 +425,7 @@ def _middle_of_neighbours(values: FloatArray) -> FloatArray:
 def _steps(data: CalibrationData) -> tuple[NDArray[np.int64], FloatArray]:
     """Return each point's step, regardless of branch, and its error as a share of the range."""
     torque = data.standard_nm if data.nominal_nm is None else data.nominal_nm
-    # Standard values of one step are close to each other, not equal.
+    # Standard values of one step are close to each other, but not equal.
     width = (1e-6 if data.nominal_nm is not None else 0.005) * data.range_nm
     order = np.argsort(torque, kind="stable")
     number = np.cumsum(np.diff(torque[order], prepend=-np.inf) > width)
@@ -443,7 +443,7 @@ def _means(step_of: NDArray[np.intp], error: FloatArray, where: NDArray[np.bool_
 
 
 def _repeats(data: CalibrationData, limit: float) -> Iterator[Contradiction]:
-    """Compare the series of equal steps, where steps are repeated."""
+    """Compare the series of repeated steps."""
     labels, error = _steps(data)
     keys = np.stack([labels, data.branch.astype(np.int64)], axis=1)
     step_of = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
@@ -488,7 +488,7 @@ def _spans(data: CalibrationData, limits: Plausibility) -> Iterator[Contradictio
     from torquebench.calibration.drift import span_errors
 
     spans = span_errors(data)
-    # The allowed zero error is a larger part of the span, the smaller the largest torque is.
+    # The smaller the largest torque, the larger is the allowed zero error as a part of the span.
     part = data.range_nm / max(float(np.max(np.abs(data.standard_nm))), 1e-3 * data.range_nm)
     more = (limits.zero_percent or 0.0) * max(part - 1.0, 0.0)
     for name, span in spans.items():

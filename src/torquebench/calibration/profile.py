@@ -1,4 +1,4 @@
-"""Calibration profiles: which steps are loaded, in which order and for how long."""
+"""Calibration profiles: the loaded steps, their order and their durations."""
 
 import hashlib
 import json
@@ -47,10 +47,10 @@ _LIMITS = Plausibility(
     direction_percent=0.6,
     change_percent=0.3,
 )
-"""Limits that every profile had in version 0.2.0, stated or not: such profiles keep their hash."""
+"""Limits that every profile of version 0.2.0 had; profiles with these limits keep their hash."""
 
 _OFF_GRID_SHARE = 0.25
-"""Smallest distance of points off the grid from it, as a share of a step's width."""
+"""Smallest distance of random points from the grid of steps, as a share of a step's width."""
 
 
 class _Settings(BaseModel):
@@ -86,10 +86,11 @@ class Preload(_Settings):
 class Loading(_Settings):
     """Loaded steps, their duration and their repeats.
 
-    Exactly one of `step_percent` and `steps_percent` is given, in % of full scale; for random
-    points `step_percent` is the grid that they keep off, and `up_to_percent` the largest torque, to
-    which full scale and grid are scaled; with `same_points` all groups have the same. A step may be
-    loaded `step_tolerance_percent` off its nominal torque: % of the step, or of the range.
+    Exactly one of `step_percent` and `steps_percent` is given, in % of full scale. Random points
+    keep a distance from the grid `step_percent`; `up_to_percent` is their largest torque, to which
+    range and grid are scaled; with `same_points` all groups have the same points.
+    `step_tolerance_percent` is the largest deviation of a step from its nominal torque, in % of the
+    step or of the range.
     """
 
     pattern: Literal["ladder", "cycle", "random"]
@@ -159,7 +160,7 @@ class Reference(_Settings):
 class Deviations(_Settings):
     """Treatment of deviations from the profile in a certificate, by kind.
 
-    A record that was changed later is always refused: its original content is unknown.
+    A record that was changed later is always refused, because its original content is unknown.
     """
 
     missing_series: Consequence = "refuse"
@@ -174,8 +175,8 @@ class Deviations(_Settings):
 class Interruption(_Settings):
     """Conditions for resuming an interrupted calibration.
 
-    ``series`` repeats the interrupted series, ``position`` everything in its mounting position,
-    ``never`` the whole calibration. It continues within `longest_h` hours, or not at all.
+    ``series`` repeats the interrupted series, ``position`` all series of its mounting position,
+    ``never`` the whole calibration. It can be resumed within `longest_h` hours.
     """
 
     resume: Literal["series", "position", "never"] = "series"
@@ -185,9 +186,9 @@ class Interruption(_Settings):
 class Profile(_Settings):
     """A calibration profile: a sequence of steps as data, not as code.
 
-    Own profiles are TOML files of the same form as those in ``calibration/profiles``. The flag
-    `verified` is false until the profile has been checked against the licensed text of its
-    standard; certificates print it beside the name and the hash. A calibration is due again after
+    Users can write profiles as TOML files in the form of those in ``calibration/profiles``. The
+    flag `verified` is false until the profile has been checked against the licensed text of its
+    standard; certificates print it beside the name and the hash. The next calibration is due after
     `valid_days` at the latest.
 
     Examples
@@ -238,7 +239,7 @@ class Profile(_Settings):
 
     @property
     def signs(self) -> tuple[int, ...]:
-        """Directions in the order in which they are loaded: +1 clockwise, -1 the other."""
+        """Directions in the order in which they are loaded: +1 clockwise, -1 counter-clockwise."""
         return tuple(_SIGNS[direction] for direction in self.loading.directions)
 
     @property
@@ -257,9 +258,9 @@ class Profile(_Settings):
         return self.loading.percents()[-1]
 
     def within(self, percent: float) -> Self:
-        """Return the profile, scaled down to the calibrated range, in % of full scale.
+        """Return the profile, scaled down to a calibrated range in % of full scale.
 
-        A calibration to 90 % or more is treated as one to full scale, and changes nothing.
+        For a calibration to 90 % or more of full scale, the profile is returned unchanged.
 
         Examples
         --------
@@ -293,7 +294,7 @@ class Profile(_Settings):
         """SHA-256 of the profile's settings, options included, as 64 hexadecimal digits."""
         settings = self.model_dump(mode="json")
         for name in ("adaptive", "interruption"):
-            if settings[name] is None:  # without the key, older profiles keep their hash
+            if settings[name] is None:  # profiles without this key keep their hash
                 del settings[name]
         if self.plausibility in (Plausibility(), _LIMITS):
             del settings["plausibility"]
@@ -332,14 +333,14 @@ class Profile(_Settings):
         step_percent : float, optional
             Width of the steps in % of full scale.
         up_to_percent : float, optional
-            Largest step and preload in % of full scale, at most as the profile has it; all steps
-            are scaled to it. For applications that use only a small part of a module's range.
+            Largest step and preload in % of full scale, at most that of the profile; all steps are
+            scaled to it. For applications that use only a small part of a module's range.
         duration_s : float, optional
             Duration of each step in s.
         groups : int, optional
             Number of groups (random points only).
         points : int, optional
-            Number of points in each group, or the most points of an adaptive profile.
+            Number of points in each group, or largest number of points of an adaptive profile.
         same_points : bool, optional
             Load the same points in every group (random points only).
         target_percent : float, optional
@@ -420,7 +421,7 @@ class Profile(_Settings):
         range_nm : float
             Full scale in N·m.
         rng : numpy.random.Generator, optional
-            Draws the points of a profile of random points; the others need none.
+            Random generator for the points of a random profile; other profiles need none.
 
         Returns
         -------
@@ -450,7 +451,7 @@ def _with_change(step: Step, change: Change) -> Step:
 
 
 class _Staircase:
-    """Builds the steps of one profile for one range."""
+    """Builder of the steps of one profile for one range."""
 
     def __init__(self, profile: Profile, range_nm: float, rng: np.random.Generator | None) -> None:
         self.profile = profile
@@ -557,7 +558,7 @@ class _Staircase:
         grid = self.profile.loading.step_percent or 100.0 / count
         drawn = (np.arange(count) + self.rng.uniform(0.0, 1.0, count)) * (100.0 / count) / grid
         whole = np.floor(drawn)
-        width = np.minimum(grid, 100.0 - whole * grid)  # the last step may be a narrower one
+        width = np.minimum(grid, 100.0 - whole * grid)  # the last step may be narrower
         share = np.minimum((drawn - whole) * grid / width, 1.0)
         fraction = _OFF_GRID_SHARE + (1.0 - 2.0 * _OFF_GRID_SHARE) * share
         return [float(percent) for percent in whole * grid + fraction * width]
@@ -600,14 +601,14 @@ def available_profiles(package: str = __package__) -> tuple[str, ...]:
 
 
 def profile_text(name: str | Path, package: str = __package__) -> str:
-    """Return the TOML text of a packaged profile by its name, or of a file by its path.
+    """Return the TOML text of a packaged profile (by name) or of a file (by path).
 
     Parameters
     ----------
     name : str or pathlib.Path
         One of `available_profiles`, or a path that ends in ``.toml``.
     package : str
-        The package that has the profiles.
+        The package that contains the profiles.
 
     Raises
     ------
@@ -633,7 +634,7 @@ def profile_text(name: str | Path, package: str = __package__) -> str:
 
 
 def load_profile(name: str | Path) -> Profile:
-    """Return a packaged profile by its name, or your own by the path of its TOML file.
+    """Return a packaged profile (by name) or a user's profile (by the path of its TOML file).
 
     Parameters
     ----------

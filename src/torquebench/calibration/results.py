@@ -44,7 +44,7 @@ class SideBySide:
     evaluation : StaticEvaluation
         All quantities, with the fixed scale of 1 N·m per N·m.
     interpolation : Interpolation
-        Curve that f_a and W are about.
+        Curve that f_a and W refer to.
     expanded_percent, interval_percent : array of float, shape (m,)
         W (k = 2) and W′ = |f_q| + W at each step, %; with decreasing torque, where measured.
     classification : Classification or None
@@ -76,7 +76,7 @@ class SideBySide:
 
     @property
     def class_words(self) -> str:
-        """The class in words, or why there is none."""
+        """The class in words, or the reason why there is none."""
         if self.classification is None:
             return Message("no class: {reason}", self.unclassified)
         return str(self.classification)
@@ -91,7 +91,8 @@ class DirectionResults:
     direction : int
         +1 clockwise, -1 counter-clockwise.
     before, after : SideBySide
-        Of the reading, and of the compensated torque; `after` is None without a compensation.
+        Results of the reading, and of the compensated torque; `after` is None without a
+        compensation.
     """
 
     direction: int
@@ -117,13 +118,14 @@ class CalibrationResults:
     directions : tuple of DirectionResults
         Clockwise first; without those that weren't loaded in steps.
     errors_before, errors_after : ErrorSummary
-        Of all points against the standard; `errors_after` is None without a compensation.
+        Errors of all points against the standard; `errors_after` is None without a compensation.
     regression : mapping of str to Regression
-        Straight line of the deflections over the standard: of all points, and of each direction.
+        Straight line of the deflections over the standard, for all points and for each direction.
     zero_before, zero_after : ZeroHysteresis or None
-        Only of cycles that go through zero.
+        Zero hysteresis; only for cycles that go through zero.
     remarks : tuple of str
-        Subtracted zeros; points that were left out, or farther from their step than 0.5 %.
+        Remarks on subtracted zeros, and on points that were left out or deviate from their step by
+        more than 0.5 %.
     """
 
     data: CalibrationData
@@ -147,8 +149,8 @@ def calibration_results(
 ) -> CalibrationResults:
     """Evaluate a calibration before and after compensation.
 
-    Every row counts: any number of series, positions and steps is pooled and normalised to the
-    nearest step. Steps of the profile that are missing or off are named by `find_deviations`.
+    All rows are used: series, positions and steps of any number are pooled and normalised to the
+    nearest step. `find_deviations` reports missing or deviating steps of the profile.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""From the table of a calibration to the series of a static evaluation: runs, zeros, steps."""
+"""Conversion of a calibration table to the series of a static evaluation: runs, zeros, steps."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -25,22 +25,23 @@ FloatArray = NDArray[np.float64]
 DIRECTIONS = {1: "clockwise", -1: "counter-clockwise"}
 
 SAME_STEP_PERCENT = 2.5
-"""Reference torques of different series within this of each other are one step."""
+"""Largest difference of reference torques of different series that are one step, in %."""
 
 REPEATED_PERCENT = 0.5
-"""Reference torques of one series within this of each other repeat a step; farther ones don't. A
-reference torque deviating from its nominal torque by more is named."""
+"""Largest difference of reference torques of one series that repeat a step, in %. A remark names a
+reference torque that deviates from its nominal torque by more."""
 
 FARTHEST_PERCENT = 10.0
-"""A torque farther from its nominal torque isn't reduced to it, but left out and named."""
+"""Largest deviation of a torque from its nominal torque, in %; beyond it, a point is left out with
+a remark."""
 
 MOST_STEPS = 100
-"""More steps than this in one direction are a ramp."""
+"""Largest number of steps in one direction; more are a ramp."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """One rise and the fall after it, in one direction of one series, by rows of the table."""
+    """One rise and the fall after it, in one direction of one series, as rows of the table."""
 
     series: int
     direction: int
@@ -48,9 +49,9 @@ class _Run:
     rising: NDArray[np.intp]
     falling: NDArray[np.intp]
     zero: int | None
-    """Row of the unloaded reading that its deflections count from."""
+    """Row of the unloaded reading that is subtracted."""
     final_zero: int | None
-    """Row of the unloaded reading after it."""
+    """Row of the unloaded reading after the run."""
 
     @property
     def rows(self) -> NDArray[np.intp]:
@@ -59,7 +60,7 @@ class _Run:
 
 
 def _runs(data: CalibrationData) -> list[_Run]:
-    """Return the runs in measuring order; a rise after a fall begins one, whatever its series."""
+    """Return the runs in measuring order: each rise after a fall begins one."""
     branch = np.where(data.branch == 0, infer_branch(data.standard_nm, data.series), data.branch)
     position = np.zeros(len(data)) if data.position_deg is None else data.position_deg
     zeros = np.flatnonzero(data.unloaded)
@@ -80,8 +81,8 @@ def _runs(data: CalibrationData) -> list[_Run]:
         own = own[position[own] == position[first]]
         same = zeros[position[zeros] == position[first]]
         after = own[(own > rows[-1]) & (own < end) & (branch[own] < 0)]
-        # The zero before the run counts: in its series, else in its position. A fall alone has the
-        # zero that it ends at. Without any of these, the nearest zero counts.
+        # The zero of a run is the last one before it in its series; for a fall without a rise, the
+        # zero after it; else the last one before it in its position; else the nearest one.
         candidates = (
             own[own < first][-1:],
             after[:1] if not rising.size else own[:0],
@@ -114,7 +115,7 @@ class TaredPoints:
     zeros_nm : tuple of float
         The subtracted zeros, one for each rise; empty where the readings were tared.
     remarks : tuple of str
-        Which zeros, and where they weren't read before a series.
+        Remarks on the zeros, and on series without a zero before them.
     """
 
     data: CalibrationData
@@ -123,12 +124,11 @@ class TaredPoints:
 
 
 def tare(data: CalibrationData) -> TaredPoints:
-    """Subtract from the readings of each series its own zero, X = I − I₀.
+    """Subtract from the readings of each series the zero of that series, X = I − I₀.
 
     The zero of a series is the last reading without load before it, in the same series or mounting
-    position; where there is none, the nearest one. So a constant that is added to all readings
-    changes nothing. Readings that are stated to be tared stay as they are, and so do those of a
-    table without unloaded readings.
+    position; if there is none, the nearest one. A constant added to all readings therefore has no
+    influence. Tared readings, and tables without unloaded readings, are returned unchanged.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def tare(data: CalibrationData) -> TaredPoints:
     zeros = np.array([data.reading_nm[run.zero] for run in runs])
     starts = np.array([run.rows[0] for run in runs])
     rows = np.arange(len(data))
-    # An unloaded row before a run belongs to it, unless it is the end of the run before.
+    # An unloaded row belongs to the run after it, unless it is the end of the run before.
     owner = np.minimum(np.searchsorted(starts, rows, side="left"), len(runs) - 1)
     for number, run in enumerate(runs):
         owner[run.rows] = number
@@ -184,10 +184,9 @@ def tare(data: CalibrationData) -> TaredPoints:
 def own_steps(data: CalibrationData, named_nm: Sequence[float] = ()) -> CalibrationData:
     """Return the data with the nearest step as nominal torque of each point.
 
-    Data that have nominal torques already are returned as they are. Reference torques of
-    different runs within 2.5 % of each other are one step, those of one run within 0.5 %. It is
-    called by the named torque that is nearest to it within that distance, else by the plainest
-    number near its mean.
+    Data with nominal torques are returned unchanged. Reference torques within 2.5 % of each other
+    are one step, those of the same run within 0.5 %. The step's nominal torque is the nearest named
+    torque within this distance, else the number with the fewest digits near its mean.
 
     Parameters
     ----------
@@ -221,8 +220,11 @@ def own_steps(data: CalibrationData, named_nm: Sequence[float] = ()) -> Calibrat
 
 
 def _clusters(size: FloatArray, branch: NDArray[np.intp]) -> list[slice]:
-    """Return slices of rising torques that are one step, the closest ones joined first."""
-    begin, end = np.arange(size.size), np.arange(size.size)  # of the cluster at its outer members
+    """Return slices of sorted torques that are one step; the closest torques are joined first."""
+    begin, end = (
+        np.arange(size.size),
+        np.arange(size.size),
+    )  # cluster's ends
     members = [{int(each)} for each in branch]
     for k in np.argsort(np.diff(size) / size[1:], kind="stable"):
         low, high = int(begin[k]), int(end[k + 1])
@@ -239,7 +241,7 @@ def _clusters(size: FloatArray, branch: NDArray[np.intp]) -> list[slice]:
 
 
 def _names(mean: FloatArray, named_nm: Sequence[float]) -> FloatArray:
-    """Return each step as its nearest named torque, else by the plainest number within 0.5 %."""
+    """Return each step's nearest named torque, else the plainest number within 0.5 %."""
     names = np.array([plainest(value, REPEATED_PERCENT / 100.0) for value in mean.tolist()])
     for named in named_nm:
         nearest = int(np.argmin(np.abs(mean - named)))
@@ -257,10 +259,10 @@ class Loading:
     torque_nm : array of float, shape (m,)
         Magnitudes of the steps, rising.
     series : list of LoadingSeries
-        Deflections as magnitudes, NaN at steps that a series hasn't; empty with fewer than two
-        steps, or so many that they are a ramp.
+        Deflections as magnitudes, NaN at steps that a series doesn't have; empty for fewer than two
+        steps and for a ramp.
     remarks : tuple of str
-        What was left out or reduced by more than 0.5 %, and why.
+        Points that were left out or normalised by more than 0.5 %, and the reasons.
     """
 
     torque_nm: FloatArray
@@ -271,10 +273,10 @@ class Loading:
 def loading_series(data: CalibrationData, direction: int) -> Loading | None:
     """Return steps and series of one direction; None where it wasn't loaded.
 
-    A reference transducer never shows the nominal step exactly, so each deflection is normalised
-    to it: X* = X · M_nom/M_ref. A step that is read more than once on one branch of a run is
-    averaged. Each run is a series: one rise and, where the branch says so, the fall after it.
-    Points at a nominal torque of 0 on the falling branch are the zero after it.
+    A reference transducer never shows the nominal step exactly, so each deflection is normalised to
+    the nominal torque: X* = X · M_nom/M_ref. Repeated readings of a step on one branch of a run are
+    averaged. Each run is a series: one rise and, if there is one, the fall after it. A point at a
+    nominal torque of 0 on the falling branch is the zero after the run.
 
     Parameters
     ----------
@@ -336,12 +338,13 @@ def loading_series(data: CalibrationData, direction: int) -> Loading | None:
         up, down = column(run.rising), column(run.falling)
         top = np.flatnonzero(np.isfinite(up))[-1:]
         if run.falling.size and np.isnan(down[top]).all():
-            down[top] = up[top]  # the reversal: the largest step is read once for both
+            down[top] = up[top]  # at the reversal, the largest step is read once for both branches
         returned = None
         if run.final_zero is not None and (data.tared or run.final_zero != run.zero):
             returned = float(tared.reading_nm[run.final_zero])
         elif run.final_zero is not None:
-            # It was its own zero: what it returned to shows against the nearest other one.
+            # The final zero was subtracted from its own run: compare it with the nearest other zero
+            # instead.
             others = np.setdiff1d(np.flatnonzero(data.unloaded), run.final_zero)
             if others.size:
                 nearest = others[np.argmin(np.abs(others - run.final_zero))]
@@ -364,7 +367,7 @@ def _listed(steps_nm: FloatArray) -> Message | str:
 def _off_steps(
     data: CalibrationData, rows: NDArray[np.intp], off: FloatArray, name: str
 ) -> Iterator[str]:
-    """Yield the steps that were missed by more than their tolerance, the worst of each kind."""
+    """Yield remarks on steps beyond their tolerance: the worst normalised and left out ones."""
     assert data.nominal_nm is not None
     far = off > FARTHEST_PERCENT
     for which, consequence in ((~far, "reduced in proportion"), (far, "left out")):
@@ -387,7 +390,7 @@ def _off_steps(
 
 @dataclass(frozen=True)
 class ZeroHysteresis:
-    """Difference of the zero after loading from either side.
+    """Difference of the zeros after clockwise and after counter-clockwise loading.
 
     Parameters
     ----------
@@ -407,15 +410,15 @@ class ZeroHysteresis:
 
 
 def zero_hysteresis(data: CalibrationData) -> ZeroHysteresis | None:
-    """Return the difference of the zero of reversing cycles after loading from either side.
+    """Return the zero hysteresis of reversing cycles.
 
     None where no series has both zeros.
 
     Parameters
     ----------
     data : CalibrationData
-        Cycles 0 → +FS → 0 → −FS → 0, one a series, with a point at each zero, all counting from
-        one zero.
+        Cycles 0 → +FS → 0 → −FS → 0, one per series, with a point at each zero and one common zero
+        subtracted.
 
     Examples
     --------

@@ -24,13 +24,14 @@ class Step(BaseModel):
     branch : int
         +1 where |torque| grows to this step, -1 where it falls, 0 for a zero.
     duration_s : float
-        How long the step is held, in s.
+        Duration of the step in s.
     settle_limit_s : float
-        How much longer it may be held until the reading has settled, in s; then it is marked.
+        Largest additional time until the reading has settled, in s; a point that hasn't settled by
+        then is marked.
     position_deg : float
         Mounting position in degrees.
     change : {"none", "rotation", "re-seat"}
-        Change by the operator before this step.
+        Change of the mounting by the operator before this step.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")

@@ -1,4 +1,4 @@
-"""Errors of a chain, raw and with each model, against the standard and against the true torque."""
+"""Errors of a chain, without and with models, against the standard and against the true torque."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -31,16 +31,17 @@ RAW = "raw"
 
 READING_SHARE = 0.05
 READING_RULE = "where |torque| is at least 5 % of full scale"
-"""Smallest share of the range at which an error is stated in % of reading."""
+"""Torques for which an error in % of reading is stated."""
 
 SAME_PLACE_SHARE = 0.1
-"""The k-th points of all groups are one place if they differ by less than this share of range."""
+"""The k-th points of all groups are one place if they differ by less than this share of the
+range."""
 
 CELL_SHARE = 0.05
 
 
 class Chain(Protocol):
-    """Interface of a measuring chain for a verification."""
+    """Interface of a measuring chain in a verification."""
 
     def torque(self, readings: Readings) -> Torque:
         """Return the compensated torques with their uncertainty."""
@@ -111,19 +112,20 @@ class ModelVerification:
     name : str
         Name of the model, or `RAW`.
     against_standard : ErrorSummary
-        Single readings against the standard, over all groups.
+        Errors of single readings against the standard, over all groups.
     against_truth : ErrorSummary or None
-        Single readings against the true torque; only on a simulated bench.
+        Errors of single readings against the true torque; only on a simulated bench.
     groups : tuple of ErrorSummary
-        Each group for itself: against the truth where it is known, else against the standard.
+        Errors of each group: against the true torque if known, else against the standard.
     averaged : ErrorSummary or None
         The error averaged over the groups at each place, against the same reference as `groups`;
         None for a single group. Single noisy readings can't show a model's quality: their worst
         error stays near 2.8 times the repeatability.
     repeatability : Repeatability or None
-        Over the groups, against the same reference; None for a single group.
+        Spread over the groups, against the same reference; None for a single group.
     expanded_uncertainty_nm : float or None
-        Largest U (k = 2) of a point by the measuring chain, N·m; None of the raw reading.
+        Largest U (k = 2) that the measuring chain states for a point, N·m; None for the raw
+        reading.
     """
 
     name: str
@@ -148,7 +150,7 @@ class VerificationResult:
     simulated : bool
         Whether the points come from a simulated bench.
     models : tuple of ModelVerification
-        Raw first, then in the order in which the models were handed in.
+        The raw reading first, then the models in the given order.
     data_sha256 : str
         Hash of the points.
     """
@@ -341,11 +343,11 @@ class _Places:
 
     @classmethod
     def of(cls, data: CalibrationData) -> "_Places":
-        """Find the places: the points' number in their group where the groups agree, else cells.
+        """Find the places: the number of a point in its group if the groups agree, else a cell.
 
-        Groups of a verification draw their points cell by cell, so that the k-th points of all
+        The groups of a verification draw their points cell by cell, so that the k-th points of all
         groups have about the same torque, speed, branch and direction. Tables whose groups differ
-        in length or order fall into cells of range and speed.
+        in length or order are divided into cells of torque and speed instead.
         """
         speed = np.zeros(len(data)) if data.speed_rpm is None else data.speed_rpm
         speed = np.where(np.abs(speed) > STANDSTILL_RPM, speed, 0.0)
@@ -381,7 +383,7 @@ class _Places:
         return summarise_errors(torque + self._mean(error), torque, self.range_nm)
 
     def repeatability(self, error: NDArray[np.float64]) -> Repeatability | None:
-        """Return the spread of the error within the places, None where no place repeats."""
+        """Return the spread of the error within the places; None if no place was measured twice."""
         count = np.bincount(self.label)
         squares = np.bincount(self.label, weights=(error - self._mean(error)[self.label]) ** 2)
         repeated = count >= 2
