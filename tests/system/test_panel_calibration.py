@@ -131,7 +131,7 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
 
     ana.fill("Your password", PEOPLE["Ana"][1])
     ana.press("Issue the certificate")
-    ana.sees("is issued")
+    ana.sees("is already issued")
     assert ana.button("Fetch").text.endswith((".pdf", ".xml", ".json"))
 
     ana.open("/calibrations/1?step=models")

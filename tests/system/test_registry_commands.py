@@ -112,7 +112,7 @@ def test_reviews_need_a_second_person_and_amendments_leave_the_record_alone(cali
     data = copied(calibrated, tmp_path)
     refused = records(data, "review", "calibration-1", "--by", "Ana")
     assert refused.returncode == 1
-    assert "somebody else than Ana" in refused.stderr
+    assert "a person other than Ana" in refused.stderr
     assert records(data, "review", "calibration-1", "--by", "Ben").returncode == 0
     amended = records(
         data, "amend", "calibration-1", "measured_by=Anna", "--by", "Ben", "--reason", "misspelt"

@@ -308,7 +308,7 @@ def data_directory(path: Path) -> Path:
         if lost := lost_registry(path):
             raise InputError(
                 Message("the registry of {path} {lost}", path, lost),
-                "a registry that has them",
+                "a registry that lists these runs",
                 WAY_BACK,
             )
         raise InputError(

@@ -226,7 +226,9 @@ def check_request(place: Place, request: CertificateRequest) -> Iterable[str]:
     find_calibration(place.registry, request.calibration)
     _issue(place, request)
     if any(entry.number == request.number for entry in place.registry.certificates()):
-        raise RecordError(Message("certificate {number} is issued", request.number), "a new number")
+        raise RecordError(
+            Message("certificate {number} is already issued", request.number), "a new number"
+        )
     return ()
 
 

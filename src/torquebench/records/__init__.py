@@ -1,6 +1,6 @@
 """Records: the folder of each run, and the registry.
 
-Outputs are written completely or not at all, and nothing is overwritten. A name is imported at its
+Files are written completely or not at all, and nothing is overwritten. Public names are imported on
 first use, so that a list of records doesn't wait for numerical libraries.
 """
 

@@ -1,7 +1,7 @@
-"""The panel's accounts as the records see them: who has one, and who is who.
+"""Read the panel's accounts, so that nobody enters another person's name in a record.
 
-A name that is typed on a computer names nobody for certain. Where it is the name of an account,
-its owner can sign on the panel, and it isn't accepted from anybody else.
+A name typed on a computer proves nothing. The name of an account is therefore accepted only from
+its owner, who can sign in on the panel.
 """
 
 import sqlite3
@@ -44,7 +44,7 @@ __all__ = [
 PANEL_FILE = "panel.sqlite"
 """The panel's own database in a data directory."""
 NAMED_DAYS = 30
-"""How long certificates name a password that somebody else has set."""
+"""For how many days a certificate mentions that somebody else has set an account's password."""
 
 metadata = MetaData()
 users = Table(
@@ -68,11 +68,11 @@ password_settings = Table(
     Column("id", Integer, primary_key=True),
     *(Column(name, Text, nullable=False) for name in ("key", "at", "by")),
 )
-"""Passwords of accounts that somebody else than their owner has set."""
+"""Passwords that were set by somebody other than the account's owner."""
 
 
 def name_key(name: str) -> str:
-    """Return a name for comparison, by Unicode's compatibility form, without case.
+    """Return a name in the form used for comparison: Unicode's compatibility form, without case.
 
     Examples
     --------
@@ -90,11 +90,11 @@ class Accounts:
     Parameters
     ----------
     names : mapping of str to str
-        Name of every account by its key, deactivated ones too.
+        Name of every account by its key, including deactivated accounts.
     links : mapping of str to str
         Key of the account of a user of the operating system (``user`` or ``user@host``).
     settings : tuple of (key, moment, by)
-        Passwords that somebody else has set.
+        Passwords that were set by somebody other than the owner: account, time, and who set it.
     """
 
     names: Mapping[str, str] = field(default_factory=dict)
@@ -103,7 +103,7 @@ class Accounts:
 
     @classmethod
     def of(cls, data: Path) -> Self:
-        """Return the accounts of a data directory; none where no panel was opened.
+        """Read the accounts of a data directory; there are none if it never had a panel.
 
         Raises
         ------
@@ -145,20 +145,20 @@ class Accounts:
                 engine.dispose()
 
     def __bool__(self) -> bool:
-        """Whether there are any."""
+        """Whether there are any accounts."""
         return bool(self.names)
 
     def named(self, name: str) -> str:
-        """Return the account that a name names; empty for none."""
+        """Return the account with this name; empty if there is none."""
         return self.names.get(name_key(name), "")
 
     def of_system_user(self, user: str, host: str) -> str:
-        """Return the account of a user of the operating system; empty where none is linked."""
+        """Return the account linked to a user of the operating system; empty if none is linked."""
         key = self.links.get(f"{user}@{host}") or self.links.get(user) or ""
         return self.names.get(key, "")
 
     def refuse_typed(self, name: str, signature: Signature) -> None:
-        """Refuse the name of an account that its owner hasn't given.
+        """Raise an error if a name belongs to an account whose owner hasn't entered it.
 
         Raises
         ------
@@ -172,8 +172,12 @@ class Accounts:
         if typed and self.of_system_user(signature.who, signature.host) == account:
             return
         raise InputError(
-            Message("{name}, who has an account on the panel, named by somebody else", account),
-            "the person's own act",
+            Message(
+                "the name {name} belongs to an account on the panel and was entered by "
+                "somebody else",
+                account,
+            ),
+            "a name entered by its owner",
             Message(
                 "sign in on the panel as {name}, or have an administrator link the account to "
                 "the user {user}@{host}",
@@ -184,7 +188,7 @@ class Accounts:
         )
 
     def same_person(self, first: Signature | None, second: Signature | None) -> bool | None:
-        """Return whether two acts are of one person; None where that is unknown."""
+        """Return whether the same person signed twice; None where that is unknown."""
         if first is None or second is None:
             return None
         accounts = [
@@ -195,7 +199,7 @@ class Accounts:
         return None
 
     def set_by_others(self, account: str, moment: datetime) -> list[tuple[datetime, str]]:
-        """Return when and by whom a password was set in the days before a moment."""
+        """Return when and by whom else a password was set in the `NAMED_DAYS` before a moment."""
         earliest = moment - timedelta(days=NAMED_DAYS)
         return [
             (at, by)

@@ -15,7 +15,7 @@ START = "0" * 64
 
 @dataclass(frozen=True)
 class ChainHead:
-    """The last link of a chain: a copy of it proves later that nothing was changed.
+    """The last link of a chain; a copy kept elsewhere proves later that no record was changed.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Link:
     sha256: str
 
     def expected_sha256(self) -> str:
-        """Return the hash that the link's content gives."""
+        """Compute the link's hash from its content."""
         covered = [
             self.sequence,
             self.table,
@@ -70,7 +70,7 @@ class Link:
         ]
         try:
             text = json.dumps(covered, ensure_ascii=False, separators=(",", ":"))
-        except TypeError:  # a value that isn't text any more
+        except TypeError:  # a damaged value that isn't text
             return ""
         return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
@@ -110,7 +110,7 @@ def _moment(value: object) -> str:
 
 
 def seal(head: ChainHead, table: str, key: int, recorded: datetime, content: str) -> Link:
-    """Return the link that appends a row to a chain.
+    """Return the link for a new row at the end of a chain.
 
     Examples
     --------
@@ -132,12 +132,12 @@ def seal(head: ChainHead, table: str, key: int, recorded: datetime, content: str
 
 
 def broken_links(links: Iterable[Link]) -> Iterator[tuple[Link, str]]:
-    """Yield every link that has changed since it was appended, with the defect.
+    """Yield every link that was changed after it was appended, and what is wrong with it.
 
     Parameters
     ----------
     links : iterable of Link
-        From the first on, by sequence.
+        All links, by sequence.
     """
     head = ChainHead(0, START)
     for link in links:

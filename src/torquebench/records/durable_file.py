@@ -12,11 +12,11 @@ __all__ = ["DurableFile"]
 
 
 class DurableFile:
-    """Appends whole pieces; one that the disk refuses is taken back and ends the file.
+    """Appends data completely: if a write fails, it removes the incomplete data and ends the file.
 
-    A raw file may write only a part of the data (on a full disk) and report that only by a number.
-    This one continues until all is written. On failure it returns to the synchronised end, so that
-    no reader gets a partial piece. It has the methods that PyArrow needs of a file.
+    Python's raw files may write only a part of the data (on a full disk) and just return its size.
+    This class writes until all data are written. If that fails, it truncates the file to its last
+    synchronised size, so that no reader gets partial data. It has the methods that PyArrow calls.
 
     Parameters
     ----------
@@ -44,13 +44,13 @@ class DurableFile:
         self._synchronised = self._file.tell()
 
     def failure(self, error: OSError) -> RecordError:
-        """Remove unsynchronised data; return the error to raise."""
+        """Truncate the file to its synchronised data, close it, and return the error to raise."""
         self.failed = True
         try:
             self._file.truncate(self._synchronised)
             self._file.seek(self._synchronised)
             self._file.close()
-        except OSError as second:  # a failed disk keeps its present content
+        except OSError as second:  # a failed disk can't be truncated
             error.add_note(f"and incomplete data couldn't be removed: {second}")
         return RecordError(
             Message("{path} can't be written ({strerror})", self._path, error.strerror or error),
@@ -67,5 +67,5 @@ class DurableFile:
         return self._file.closed
 
     def close(self) -> None:
-        """Close the file; more calls do nothing."""
+        """Close the file; further calls do nothing."""
         self._file.close()

@@ -1,4 +1,4 @@
-"""File contents: JSON of values, and hashes."""
+"""Contents of record files: values as JSON, and hashes of files."""
 
 import hashlib
 import json
@@ -31,7 +31,7 @@ UNREADABLE = (
     *(ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError),
     RecursionError,
 )
-"""What reading damaged content raises: other types, missing keys, JSON nested too deeply."""
+"""Exceptions that damaged content causes: wrong types, missing keys, JSON nested too deeply."""
 EDGE_STREAM = "edges.arrow"
 """Recorded edges of an open run."""
 
@@ -56,7 +56,7 @@ def json_text(value: Any, *, indent: int | None = None) -> str:
     Raises
     ------
     RecordError
-        Where a value has no place in JSON.
+        Where a value can't be written as JSON.
 
     Examples
     --------
@@ -68,9 +68,10 @@ def json_text(value: Any, *, indent: int | None = None) -> str:
 
 
 def with_messages(content: Any) -> Any:
-    """Return plain JSON with the template and values of each message in it, by its text.
+    """Return content as plain JSON, with the template and values of each `Message` in it.
 
-    They stand in a table ``messages``, so that everything else reads as before.
+    They are stored in a table ``messages`` by the message's text; the content itself holds the
+    text.
     """
     plain = plain_json(content)
     found = {str(each): each.as_plain() for each in _messages(plain)}
@@ -86,7 +87,7 @@ def _messages(plain: Any) -> Iterator[Message]:
 
 
 def revived(content: Any) -> Any:
-    """Return a document with its messages in their places again; see `with_messages`."""
+    """Return a document with its texts turned back into `Message` objects; see `with_messages`."""
     if not isinstance(content, dict) or "messages" not in content:
         return content
     found = {text: Message.restored(each) for text, each in content["messages"].items()}
@@ -104,7 +105,7 @@ def revived(content: Any) -> Any:
 
 
 def plain_json(value: Any) -> Any:
-    """Return a value as JSON holds it: plain lists, mappings, numbers and text."""
+    """Convert a value to plain lists, mappings, numbers and text, as JSON has them."""
     if isinstance(value, Enum):
         return plain_json(value.value)
     if value is None or isinstance(value, str | bool | int):
@@ -132,7 +133,7 @@ def plain_json(value: Any) -> Any:
 
 
 def _is_of(library: str, names: tuple[str, ...], value: Any) -> bool:
-    """Return whether a value has a library's types, without importing the library."""
+    """Return whether a value has one of a library's types, without importing the library."""
     module = sys.modules.get(library)
     return module is not None and isinstance(value, tuple(getattr(module, name) for name in names))
 
@@ -161,7 +162,7 @@ def read_object(path: Path) -> dict[str, Any]:
     Raises
     ------
     RecordError
-        Where the file is missing or holds something else.
+        Where the file is missing or contains something else.
     """
     content = read_json(path)
     if not isinstance(content, dict):

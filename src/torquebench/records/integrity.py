@@ -1,4 +1,4 @@
-"""Integrity of all records: chain, rows, model files, run folders."""
+"""Check the integrity of all records: hash chain, rows, model files, run folders."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
@@ -51,30 +51,30 @@ FindingKind = Literal[
 ]
 FROM_BACKUP = "`torquebench records restore BACKUP`"
 _REMEDIES: dict[str, str] = {
-    "changed": f"{FROM_BACKUP}, or `torquebench records amend` says what it should have said",
+    "changed": f"{FROM_BACKUP}, or `torquebench records amend` enters the correct value",
     "file": f"{FROM_BACKUP} brings the file back as it was",
 }
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One difference from the entries.
+    """One difference between a record and its entry in the chain.
 
     Parameters
     ----------
     kind : str
-        What happened: a field was changed, a row removed, a row added past the registry, the
-        chain itself was touched, a file differs, the chain lacks a link that was noted down; the
-        database is damaged, its schema differs, the registry is missing, a folder isn't in it, or
-        the audit log isn't as it was written.
+        What happened: a field was changed, a row removed, a row added without the registry, the
+        chain itself changed, a file differs, the chain lacks a link that was noted elsewhere; the
+        database is damaged, its schema differs, the registry is missing, a run's folder isn't
+        registered, or the audit log was changed.
     where : str
         Table and number of the row, or the path of the file.
     field : str
-        Field; empty if unknown.
+        Name of the field; empty if unknown.
     found, registered : str
-        Present and entered value.
+        The present value, and the value when it was entered.
     remedy : str
-        The way back.
+        How to repair it; by default the remedy for its kind.
     """
 
     kind: FindingKind
@@ -86,17 +86,17 @@ class Finding:
 
     @property
     def way_back(self) -> str:
-        """Remedy."""
+        """How to repair the finding."""
         return self.remedy or _REMEDIES.get(self.kind, FROM_BACKUP)
 
     @property
     def place(self) -> str:
-        """Place, with the field if known."""
+        """Table and row, or file, with the field if known."""
         return f"{self.where}, {self.field}" if self.field else self.where
 
     @property
     def what(self) -> str:
-        """Result there, in words."""
+        """Description of the difference."""
         match self.kind:
             case "changed" if self.field:
                 return f"{self.found} instead of {self.registered}"
@@ -125,7 +125,7 @@ class IntegrityReport:
     audit_lines : int
         Number of compared lines of the audit log.
     remarks : tuple of str
-        Unchanged records with doubts: clocks that ran backwards, standards whose certificate had
+        Doubts about unchanged records: clocks that were set back, standards whose certificate had
         expired.
     """
 
@@ -144,12 +144,12 @@ class IntegrityReport:
 
 
 def anchor_of(text: str) -> ChainHead:
-    """Return the head of a chain written as ``number:hash``.
+    """Parse the end of a chain, written as ``number:hash``.
 
     Raises
     ------
     InputError
-        Where the text isn't one.
+        Where the text has another form.
 
     Examples
     --------
@@ -170,15 +170,15 @@ def anchor_of(text: str) -> ChainHead:
 def check_records(
     registry: RunRecords, *, anchors: tuple[ChainHead, ...] = (), folders: bool = True
 ) -> IntegrityReport:
-    """Compare every record with its entry.
+    """Compare every record with its entry in the hash chain.
 
     Parameters
     ----------
     registry : Database
         The open registry.
     anchors : tuple of ChainHead
-        Ends of the chain that were noted down earlier, on a certificate for instance. Even a
-        rewritten chain can't reproduce them.
+        Ends of the chain that were noted earlier, for instance on a certificate. A chain that was
+        rewritten doesn't contain them.
     folders : bool, default True
         Whether run folders and files are compared too, which reads all of them.
 
@@ -201,7 +201,7 @@ def check_records(
 
 
 class _Check:
-    """One pass over a registry."""
+    """One check of a registry."""
 
     def __init__(self, registry: RunRecords) -> None:
         self.registry = registry
@@ -252,7 +252,7 @@ class _Check:
         for number, end in _rows(self.registry, run_ends):
             run = None if isinstance(end, Exception) else rows.get(end.get("run_key", 0))
             if isinstance(end, Exception) or run is None or isinstance(run, Exception):
-                continue  # the row is a finding of its own
+                continue  # `rows` reports this row
             yield list(survived(f"run_ends {number}", self._run(run, end)))
 
     def _run(self, run: Mapping[str, Any], end: Mapping[str, Any]) -> Iterator[Finding]:
@@ -263,7 +263,7 @@ class _Check:
             noted = RunFolder(path).metadata.get("registry_head")
         except RecordError:
             return
-        if path.name in self.entered_again:  # this records the lost registry's chain
+        if path.name in self.entered_again:  # it states the lost registry's chain
             return
         if isinstance(noted, str):
             try:
@@ -287,7 +287,7 @@ class _Check:
                 yield Finding("file", str(path), found="changed after it was registered")
 
     def _certificates(self) -> Iterator[tuple[str, str]]:
-        """Yield path and hash of each archived file of a certificate, as entered."""
+        """Yield path and entered hash of each archived certificate file."""
         for link in self.links:
             if link.table != certificates.name:
                 continue
@@ -298,7 +298,7 @@ class _Check:
                     (f"{archive}/{name}", digest) for name, digest in entered["files"].items()
                 )
             except UNREADABLE:
-                continue  # the chain itself was changed, which is a finding of its own
+                continue  # the chain itself was changed, which `chain` reports
 
     def anchored(self, anchors: tuple[ChainHead, ...]) -> Iterator[Finding]:
         known = {link.sequence: link.sha256 for link in self.links}
@@ -316,7 +316,7 @@ class _Check:
 def _rows(
     registry: RunRecords, table: Table
 ) -> Iterator[tuple[int, Mapping[str, Any] | Exception]]:
-    """Yield number and columns of each row, or why it can't be read; also without some columns."""
+    """Yield number and columns of each row, or why it can't be read; columns may be missing."""
     with registry.session() as session:
         present = {each["name"] for each in inspect(session.connection()).get_columns(table.name)}
         query = select(*(column for column in table.c if column.name in present))
@@ -339,7 +339,7 @@ def _read(registry: RunRecords, query: Select[Any]) -> list[tuple[int, Mapping[s
 
 
 def survived(where: str, findings: Iterable[Finding]) -> Iterator[Finding]:
-    """Yield findings; one more where what is compared can't be read."""
+    """Yield findings, and one more if the compared data can't be read."""
     try:
         yield from findings
     except (RecordError, OSError, *UNREADABLE) as error:
@@ -348,10 +348,10 @@ def survived(where: str, findings: Iterable[Finding]) -> Iterator[Finding]:
 
 
 def calibration_changes(registry: Database, calibration_id: int) -> tuple[str, ...]:
-    """Return the changes in the rows on which a calibration's certificate is based.
+    """Describe changes of the rows on which a calibration's certificate is based.
 
-    Those of the calibration, its run, its chain and its standard, their certificates, and the
-    models that were fitted to it: a few rows, however long the registry is.
+    These are the rows of the calibration, its run, its chain and its standard, their certificates,
+    and the models that were fitted to it: a few rows, however large the registry is.
 
     Raises
     ------
@@ -417,14 +417,14 @@ def _differences(where: str, row: Mapping[str, Any], link: Link) -> Iterator[Fin
 
 
 def folder_changes(path: Path, manifest_sha256: str) -> list[str]:
-    """Return the changes of a sealed run folder; empty if it is intact.
+    """Describe the changes of a sealed run folder; empty if it is intact.
 
     Parameters
     ----------
     path : pathlib.Path
         The folder.
     manifest_sha256 : str
-        Hash of its manifest as the registry has it.
+        Hash of its manifest in the registry.
     """
     try:
         folder = RunFolder.open(path)

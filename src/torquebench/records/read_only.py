@@ -1,4 +1,4 @@
-"""Read-only access to a SQLite file: archives, backups, other people's data."""
+"""Read-only access to a SQLite file, such as an archive, a backup or another person's data."""
 
 import os
 import shutil
@@ -12,17 +12,17 @@ __all__ = ["is_writable", "sqlite_reader"]
 
 
 def is_writable(file: Path) -> bool:
-    """Return whether a database's file can be written, and files beside it."""
+    """Return whether a database's file and its folder can be written."""
     return os.access(file, os.W_OK) and os.access(file.parent, os.W_OK)
 
 
 @contextmanager
 def sqlite_reader(file: Path) -> Iterator[str]:
-    """Yield the address under which a database is read, whatever may be written around it.
+    """Yield the address for reading a database, even where its folder can't be written.
 
-    A database in WAL mode has an index of its log in another file, which even a reader writes. If
-    that isn't possible, a database without a log is opened as immutable; one with a log (its bench
-    was killed, or is running) is read from a copy.
+    A database in WAL mode keeps an index of its log in another file, which even a reader writes. If
+    it can't be written, a database without a log is opened as immutable, and one with a log (its
+    bench was killed, or is running) is read from a copy.
 
     Parameters
     ----------

@@ -1,8 +1,7 @@
-"""How an act of a person came about: with a password on the panel, or typed on a computer.
+"""Signatures: how a person was authenticated for a review, an authorisation or another decision.
 
-A review, an authorisation and an activation name a person. Whether that person was there is
-another question: the name may have been typed by anybody. So each of them stores who was
-authenticated, by what, and the hashes of what the act was about.
+A review, an authorisation and an activation name a person, but anybody can type a name. Each of
+them therefore stores who was authenticated, how, and the hashes of the records concerned.
 """
 
 import getpass
@@ -29,13 +28,12 @@ __all__ = [
 ]
 
 SignatureKind = Literal["signed", "signed-in", "client", "typed", "automatic"]
-"""With the account's password for this act; in a session that a password had opened; by the token
-of a program; typed by somebody who is logged in to a computer; by a command's own decision."""
+"""By password for this decision; within a session; by a program's token; typed; automatic."""
 
 
 @dataclass(frozen=True)
 class Signature:
-    """Who was authenticated for an act, by what, and what the act was about.
+    """Who was authenticated for a decision, how, and which records the decision concerns.
 
     Parameters
     ----------
@@ -44,9 +42,9 @@ class Signature:
     who : str
         Account of the panel, client, or user of the operating system.
     host : str
-        Computer where it was typed; empty on the panel.
+        Computer on which the name was typed; empty on the panel.
     covers : mapping of str to str
-        SHA-256 of what it was about, such as ``calibration``, ``verification`` and ``model``.
+        SHA-256 of the records concerned, such as ``calibration``, ``verification`` and ``model``.
     """
 
     kind: SignatureKind
@@ -56,12 +54,12 @@ class Signature:
 
     @classmethod
     def typed(cls, covers: Mapping[str, str] | None = None, *, automatic: bool = False) -> Self:
-        """Return the signature of an act of the user who is logged in to this computer."""
+        """Return a signature of the user who is logged in to this computer."""
         return cls("automatic" if automatic else "typed", *system_user(), covers or {})
 
     @classmethod
     def restored(cls, plain: Mapping[str, Any]) -> Self:
-        """Return a stored signature; a kind of a later version counts as typed."""
+        """Read a stored signature; a kind that this version doesn't know counts as typed."""
         return cls(
             next((each for each in get_args(SignatureKind) if each == plain.get("kind")), "typed"),
             str(plain.get("who", "")),
@@ -70,28 +68,28 @@ class Signature:
         )
 
     def about(self, covers: Mapping[str, str]) -> Self:
-        """Return the same for an act about other things."""
+        """Return the signature with the hashes of other records."""
         return replace(self, covers=covers)
 
     @property
     def signed(self) -> bool:
-        """Whether the person gave their password for this act."""
+        """Whether the person gave their password for this decision."""
         return self.kind == "signed"
 
     @property
     def account(self) -> str:
-        """Account of a person who was authenticated by the panel; empty otherwise."""
+        """The panel account of an authenticated person; otherwise empty."""
         return self.who if self.kind in ("signed", "signed-in") else ""
 
     @property
     def sha256(self) -> str:
-        """One hash of everything that it is about."""
+        """One hash over all records that the signature covers."""
         text = json.dumps(dict(self.covers), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
 
     @property
     def words(self) -> str:
-        """How it came about, in words."""
+        """How the person was authenticated, in words."""
         match self.kind:
             case "signed":
                 return Message("signed with the password of the account {who}", self.who)
@@ -105,14 +103,14 @@ class Signature:
 
 
 def how(signature: Signature | None) -> str:
-    """Return how an act came about; entries before 0.3.0 don't tell."""
+    """Describe how a person was authenticated; entries before 0.3.0 don't contain this."""
     return "not recorded how" if signature is None else signature.words
 
 
 def system_user() -> tuple[str, str]:
     """Return the user of the operating system and this computer's name.
 
-    The user is that of the process, not what the environment says.
+    The user is the process's user, not the one in the environment.
     """
     try:
         import pwd
@@ -131,7 +129,7 @@ _present: ContextVar[Signature | None] = ContextVar("torquebench_signature", def
 
 @contextmanager
 def authenticated(signature: Signature) -> Iterator[None]:
-    """Let everything that this thread does until the block ends be the act of a person."""
+    """Use a person's signature for everything that this thread enters within the block."""
     before = _present.set(signature)
     try:
         yield
@@ -140,19 +138,19 @@ def authenticated(signature: Signature) -> Iterator[None]:
 
 
 def present_signature(*, automatic: bool = False) -> Signature:
-    """Return who acts now: the person of `authenticated`, otherwise the user of this computer.
+    """Return the signature set by `authenticated`, otherwise that of this computer's user.
 
     Parameters
     ----------
     automatic : bool
-        Whether a command decides by itself.
+        Whether a command decides without a person.
     """
     found = _present.get()
     return Signature.typed(automatic=automatic) if found is None else found
 
 
 def operator_name() -> str:
-    """Return the person at this computer: by `$TORQUEBENCH_OPERATOR`, or the account."""
+    """Return the operator's name: `$TORQUEBENCH_OPERATOR`, or the user of the operating system."""
     if named := os.environ.get("TORQUEBENCH_OPERATOR"):
         return named
     try:

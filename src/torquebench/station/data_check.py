@@ -208,7 +208,7 @@ def _stranger(registry: Registry, path: Path, *, own: bool) -> Iterator[Finding]
         run = UnfinishedRun(path.name, "", RunState.COPY, path)
         yield Finding("orphan", str(path), "", run.found, "", run.remedy)
         return
-    state = "a sealed run" if folder.sealed else "a run that was left open"
+    state = "a sealed run" if folder.sealed else "a run that wasn't sealed"
     command = Message("finish {name}", path.name) if own else "rebuild"
     yield Finding(
         "orphan",

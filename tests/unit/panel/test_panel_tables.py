@@ -150,7 +150,7 @@ def test_who_measured_is_a_person_of_the_laboratory(
     entered = tables.enter(CHIEF, {**asked, "measured_by": " a. kim"})
     assert registry.calibration(entered.calibration_id).measured_by == "A. Kim"
     for name in ("A. Kim", CHIEF.name):  # who entered it answers for it as well
-        with pytest.raises(RecordError, match=r"somebody else than A\. Kim and"):
+        with pytest.raises(RecordError, match=r"a person other than A\. Kim and"):
             registry.review("calibrations", entered.calibration_id, checked_by=name)
 
 

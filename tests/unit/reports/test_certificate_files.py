@@ -299,7 +299,7 @@ def test_number_is_given_once_and_files_are_never_overwritten(
         issue_certificate(registry, short, tmp_path)
     assert registry.certificates() == []
     issue_certificate(registry, short)
-    with pytest.raises(RecordError, match="is issued"):
+    with pytest.raises(RecordError, match="is already issued"):
         issue_certificate(registry, short, tmp_path / "other")
     with pytest.raises(RecordError, match="draft"):
         issue_certificate(registry, replace(short, draft=True, number="D-1"))

@@ -25,7 +25,7 @@ from torquebench.records import Registry
         (("latest", "--laboratory", "nowhere.toml"), "nowhere.toml"),
         (("no-such-run",), "no run 'no-such-run'"),
         (("calibration-99",), "calibration 99 isn't registered"),
-        (("latest", "--checked-by", "M. Weber"), "somebody else than M. Weber"),
+        (("latest", "--checked-by", "M. Weber"), "a person other than M. Weber"),
     ],
 )
 def test_bad_input_is_named_and_nothing_is_written(

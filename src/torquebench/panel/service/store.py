@@ -164,7 +164,7 @@ class PanelStore:
                 raise RecordError(
                     Message("{name} has version {found}", self._name, found),
                     Message("{schema_version} or older", SCHEMA_VERSION),
-                    "a newer torquebench has made it: upgrade this one",
+                    "it was made by a newer torquebench: upgrade this one",
                 )
             if found < SCHEMA_VERSION:
                 metadata.create_all(connection)

@@ -20,7 +20,7 @@ __all__ = ["EDGE_ARCHIVE", "read_edges", "seal_edges"]
 EDGE_ARCHIVE = "edges.parquet"
 """Name of the sealed edges in a run's folder."""
 GROUP_EDGES = 2_000_000
-"""Edges in a row group, which bounds the memory for sealing and reading."""
+"""Edges per row group; this bounds the memory needed for sealing and reading."""
 
 _TICKS = pa.list_(pa.int64())
 _SCHEMA = pa.schema(
@@ -47,14 +47,14 @@ _ENCODING = {
 
 
 def seal_edges(folder: Path) -> None:
-    """Turn the closed stream of a run's edges into a Parquet file, if there is one.
+    """Convert the closed edge stream of a run, if it has one, into a Parquet file.
 
     Memory stays bounded however long the run was.
 
     Raises
     ------
     RecordError
-        Where the Parquet file doesn't hold the same edges; the stream is kept then.
+        Where the Parquet file doesn't contain the same edges; the stream is then kept.
     """
     stream, sealed = folder / EDGE_STREAM, folder / EDGE_ARCHIVE
     if not stream.exists():
@@ -138,7 +138,7 @@ def _rows(batch: Any) -> Iterator[RecordedEdges]:
 def _same(first: Iterable[RecordedEdges], second: Iterable[RecordedEdges]) -> bool:
     try:
         return all(_equal(a, b) for a, b in zip(first, second, strict=True))
-    except ValueError:  # one ends earlier
+    except ValueError:  # one of them is shorter
         return False
 
 

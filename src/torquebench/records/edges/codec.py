@@ -1,8 +1,8 @@
 """Edge times as second differences of one byte each: small, and exact to the tick.
 
-The period of a transducer's output changes little from pulse to pulse, so the second difference
-of its edge times is a few ticks of jitter. Whatever doesn't fit into a byte (a missing or doubled
-pulse, a jump of the clock) is escaped and kept whole beside it.
+The period of a transducer's output changes little from pulse to pulse, so the second difference of
+its edge times is a few ticks of jitter. A second difference that doesn't fit into a byte (a missing
+or doubled pulse, a jump of the clock) is replaced by an escape code and stored separately in full.
 """
 
 from dataclasses import dataclass
@@ -28,13 +28,13 @@ class EncodedEdges:
     count : int
         Number of edges.
     first_tick : int
-        First edge; 0 where there is none.
+        Tick of the first edge; 0 without edges.
     first_period : int
-        Ticks from the first edge to the second one; 0 where there is none.
+        Ticks from the first edge to the second one; 0 with fewer than two edges.
     differences : ndarray of int8, shape (max(count - 2, 0),)
-        Second differences in ticks, `ESCAPE` where they are in `escaped`.
+        Second differences in ticks; `ESCAPE` marks those that are stored in `escaped`.
     escaped : ndarray of int64
-        Second differences that don't fit, in order.
+        Second differences that don't fit into a byte, in order.
     """
 
     count: int
@@ -60,7 +60,7 @@ def encode_edges(ticks: NDArray[np.int64]) -> EncodedEdges:
     >>> decode_edges(encoded).tolist()
     [1000, 2667, 4333, 6000, 9334]
     """
-    periods = np.diff(ticks)  # int64 wraps around here and back again in the sums of decoding
+    periods = np.diff(ticks)  # int64 overflows here, and decoding's sums overflow back
     differences = np.diff(periods)
     fits = (differences > ESCAPE) & (differences <= np.iinfo(np.int8).max)
     narrow = differences.astype(np.int8)
@@ -83,7 +83,7 @@ def decode_edges(encoded: EncodedEdges) -> NDArray[np.int64]:
     Raises
     ------
     RecordError
-        Where the parts don't fit together.
+        Where the numbers of edges, differences and escapes contradict each other.
     """
     count, narrow = encoded.count, encoded.differences
     ticks = np.empty(count, dtype=np.int64)

@@ -43,10 +43,10 @@ class RecordedEdges:
 
 
 class EdgeStream(ArrowStream):
-    """Appends blocks of edges; up to `acknowledged_tick`, all channels are synchronised."""
+    """Appends blocks of edges; all channels' edges before `acknowledged_tick` are on the disk."""
 
     CONTENT, COMPRESSION = "edges", "zstd"
-    CAPACITY = 1_000_000  # four transducers with 60 kHz make 240 000 a second
+    CAPACITY = 1_000_000  # four transducers at 60 kHz give 240 000 a second
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
@@ -55,7 +55,7 @@ class EdgeStream(ArrowStream):
 
     @property
     def acknowledged_tick(self) -> int | None:
-        """Tick up to which all channels are on the disk, itself not included; None at first."""
+        """Tick before which the edges of all channels are on the disk; None before any write."""
         return self._acknowledged
 
     def append(self, blocks: Mapping[str, EdgeBlock]) -> None:
@@ -64,7 +64,7 @@ class EdgeStream(ArrowStream):
         Parameters
         ----------
         blocks : mapping of channel name to EdgeBlock
-            A channel without edges has a block without edges: that it was silent is kept, too.
+            A channel without edges gets an empty block, which records that it had no pulses.
 
         Raises
         ------
@@ -87,7 +87,7 @@ class EdgeStream(ArrowStream):
 def stream_edges(path: Path) -> Iterator[RecordedEdges]:
     """Yield the blocks of a stream in the order in which they were appended.
 
-    An incomplete end, as after a kill, is left out; see `WholeBatches`.
+    An incomplete end, as after a kill, is skipped; see `WholeBatches`.
     """
     for batch in WholeBatches(path):
         for row in batch.to_pylist():
@@ -95,9 +95,9 @@ def stream_edges(path: Path) -> Iterator[RecordedEdges]:
 
 
 def damage_to(path: Path) -> tuple[int, int]:
-    """Return the size of a stream's incomplete end, bytes, and how many of its blocks are damaged.
+    """Return the size of a stream's incomplete end in bytes, and its number of damaged blocks.
 
-    Both are 0 where it is whole or doesn't exist.
+    Both are 0 if the stream is intact or doesn't exist.
     """
     if not path.exists():
         return 0, 0

@@ -14,7 +14,7 @@ CHUNK = 65_536
 
 
 def write_samples(path: Path, samples: Samples, attributes: Attributes) -> None:
-    """Write a data set a column into the group `samples`."""
+    """Write each column as a data set of the group `samples`."""
     with h5py.File(path, "w") as file:
         file.attrs.update(attributes)
         group = file.create_group("samples")
@@ -24,7 +24,7 @@ def write_samples(path: Path, samples: Samples, attributes: Attributes) -> None:
 
 
 def write_edges(path: Path, pieces: Iterable[EdgePiece], attributes: Attributes) -> None:
-    """Write a data set of ticks a channel and edge, such as `edges/output_torque/rising`."""
+    """Write one data set of ticks per channel and edge, such as `edges/output_torque/rising`."""
     with h5py.File(path, "w") as file:
         file.attrs.update(attributes)
         for piece in pieces:

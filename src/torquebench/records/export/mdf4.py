@@ -20,7 +20,7 @@ TIME = "time_s"
 
 
 def write_samples(path: Path, samples: Samples, attributes: Attributes) -> None:
-    """Write one channel group with the time as its master."""
+    """Write one channel group whose master channel is the time."""
     time_s = next(values for column, values in samples.items() if column.name == TIME)
     signals = [
         Signal(
@@ -38,7 +38,7 @@ def write_samples(path: Path, samples: Samples, attributes: Attributes) -> None:
 
 
 def write_edges(path: Path, pieces: Iterable[EdgePiece], attributes: Attributes) -> None:
-    """Write a channel group a channel and edge: ticks over their time."""
+    """Write one channel group per channel and edge: ticks over time."""
     trains: dict[tuple[str, str], tuple[float, list[NDArray[np.int64]]]] = {}
     for piece in pieces:
         key = piece.channel, piece.edge

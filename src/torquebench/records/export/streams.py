@@ -1,4 +1,4 @@
-"""Writes a run's streams for other programs: CSV, Parquet, HDF5, TDMS and MDF4."""
+"""Export a run's streams for other programs: as CSV, Parquet, HDF5, TDMS or MDF4."""
 
 from collections.abc import Callable, Iterable, Iterator
 from importlib.util import find_spec
@@ -35,7 +35,7 @@ _ENDINGS = {"hdf5": ".h5", "mdf4": ".mf4"}
 
 
 def stream_ending(file_format: StreamFormat) -> str:
-    """Return how the name of a file of this format ends.
+    """Return the file name extension of a format.
 
     Examples
     --------
@@ -48,22 +48,22 @@ def stream_ending(file_format: StreamFormat) -> str:
 def export_streams(
     folder: RunFolder, path: Path, file_format: StreamFormat, stream: Stream = "samples"
 ) -> None:
-    """Write one stream of a run to a file, whole or not at all.
+    """Write one stream of a run to a file, completely or not at all.
 
     Every format holds the run's attributes and each column's unit: CSV in comment lines before the
     header, Parquet in the metadata of schema and fields, HDF5 as attributes, TDMS as properties
     (`unit_string`), MDF4 in header and channels. Edges are written in pieces, except to MDF4, which
-    needs a channel at a time.
+    needs whole channels.
 
     Parameters
     ----------
     folder : RunFolder
-        Running, killed or sealed.
+        A run that is running, was killed or is sealed.
     path : pathlib.Path
         File to write; replaced where it exists.
     file_format : {"csv", "parquet", "hdf5", "tdms", "mdf4"}
     stream : {"samples", "edges"}
-        Frequency, torque, angle, speed and temperature window by window, or every edge.
+        Frequency, torque, angle, speed and temperature of every window; or every edge.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def _writers(file_format: StreamFormat) -> tuple[SampleWriter, EdgeWriter]:
         return _csv_samples, _csv_edges
     if file_format == "parquet":
         return _parquet_samples, _parquet_edges
-    # These import packages of an extra.
+    # These modules import packages of an extra.
     if file_format == "hdf5":
         from torquebench.records.export.hdf5 import write_edges, write_samples
     elif file_format == "tdms":

@@ -12,12 +12,12 @@ __all__ = ["write_edges", "write_samples"]
 
 
 def write_samples(path: Path, samples: Samples, attributes: Attributes) -> None:
-    """Write a channel a column into the group `samples`."""
+    """Write each column as a channel of the group `samples`."""
     channels = [
         ChannelObject(
             "samples",
             column.name,
-            # TDMS has no boolean of one byte that every reader supports
+            # TDMS has no one-byte boolean that every reader supports
             values.astype(np.uint8) if values.dtype == np.bool_ else values,
             {"unit_string": column.unit, "description": column.attributes["description"]},
         )
@@ -28,7 +28,7 @@ def write_samples(path: Path, samples: Samples, attributes: Attributes) -> None:
 
 
 def write_edges(path: Path, pieces: Iterable[EdgePiece], attributes: Attributes) -> None:
-    """Write a channel of ticks a channel and edge, such as `output_torque rising`."""
+    """Write one channel of ticks per channel and edge, such as `output_torque rising`."""
     with TdmsWriter(path) as writer:
         writer.write_segment([RootObject(dict(attributes)), GroupObject("edges")])
         for piece in pieces:

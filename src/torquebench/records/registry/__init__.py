@@ -1,8 +1,8 @@
 """The registry: entries of a data directory in a database, its hash chain and its migrations.
 
-For packages beside the core: kinds of entries with their tables (`metadata`, `links`), reading
-(`Registry.entries`, `Registry.links`), additions (`Registry.add`, `Registry.amend`), and entries
-from columns of another database (`entry_of`).
+Plugins use the classes of entries with their tables (`metadata`, `links`), read by
+`Registry.entries` and `Registry.links`, append by `Registry.add` and `Registry.amend`, and make
+entries from the columns of another database by `entry_of`.
 """
 
 import lazy_loader

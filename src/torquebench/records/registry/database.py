@@ -68,7 +68,7 @@ WAY_BACK = "`torquebench records restore BACKUP`, or without a backup `torqueben
 REGISTRY_URL = "TORQUEBENCH_REGISTRY"
 """Environment variable with the URL of a registry on a server."""
 SERVER_TIMEOUT_S = 10.0
-"""Timeout of a server's answer, s."""
+"""How long to wait for a server's answer, s."""
 PATIENCE_S = 30.0
 """How long `Database.patiently` retries, s."""
 RETRY_S = 0.25
@@ -82,7 +82,7 @@ _REMEDIES = {
     "42501": "use the URL of a role that may do this, such as the administrator's",
     "42710": "choose another name",
 }
-"""What to do, by the beginning of the SQLSTATE."""
+"""Remedies by the beginning of the SQLSTATE."""
 
 Result = TypeVar("Result")
 
@@ -92,9 +92,9 @@ class UnavailableError(RecordError):
 
 
 def lost_registry(data_dir: Path) -> str:
-    """Return a message if a data directory has runs, but its registry is missing or empty.
+    """Return a message if a data directory has runs but its registry is missing or empty, else "".
 
-    Otherwise empty. A new registry must not be created there by accident.
+    A new registry must not be created there by accident.
     """
     file, runs = data_dir / REGISTRY_FILE, data_dir / "runs"
     if file.exists() and file.stat().st_size:
@@ -124,12 +124,13 @@ class Database:
     Attributes
     ----------
     known_head : ChainHead
-        The chain's end known to this process, also while the database doesn't answer.
+        The last end of the chain that this process has read; also available while the database
+        doesn't answer.
 
     Raises
     ------
     InputError
-        Where the URL isn't one, or its database needs a driver that isn't installed.
+        Where the URL is invalid, or its database needs a driver that isn't installed.
     RecordError
         Where the database can't be opened, or a newer version of torquebench has made it.
     """
@@ -154,7 +155,7 @@ class Database:
             raise _kind_of(error)(
                 Message("the registry {name} can't be opened: {error}", self.name, _cause(error)),
                 "a database that can be read and written",
-                "make room on its disk, or check whether it runs and may be written",
+                "free space on its disk, or check whether it runs and can be written",
             ) from error
         except RecordError:
             self.close()
@@ -162,7 +163,7 @@ class Database:
 
     @classmethod
     def open(cls, data_dir: Path, url: str | None = None, *, longest_s: float = 0.0) -> Self:
-        """Open the registry of a data directory, creating what doesn't exist.
+        """Open the registry of a data directory; create directory and registry if they don't exist.
 
         Parameters
         ----------
@@ -172,7 +173,7 @@ class Database:
             A database elsewhere, such as ``postgresql://user@server/torquebench``. By default
             ``$TORQUEBENCH_REGISTRY``, or a SQLite file in the data directory.
         longest_s : float
-            How long to retry if its server doesn't answer, s.
+            How long to retry if the database server doesn't answer, s.
 
         Raises
         ------
@@ -195,7 +196,7 @@ class Database:
         if lost:
             raise RecordError(
                 Message("the registry {file} {lost}", file, lost),
-                "a registry that has them",
+                "a registry that lists these runs",
                 WAY_BACK,
             )
         waits_s = longest_s if given else 0.0
@@ -225,15 +226,16 @@ class Database:
         return self._engine.dialect.name
 
     def close(self) -> None:
-        """Close all connections; more calls do nothing."""
+        """Close all connections; further calls do nothing."""
         self._engine.dispose()
         self._closing.close()
 
     @contextmanager
     def session(self) -> Iterator[Session]:
-        """Yield a session that reads one state of the registry.
+        """Yield a session that sees one consistent state of the registry.
 
-        Inside `writing` of the same thread it also reads the rows added by that transaction.
+        Within `writing` of the same thread it is that transaction's session and sees the rows it
+        added.
 
         Raises
         ------
@@ -249,11 +251,10 @@ class Database:
 
     @contextmanager
     def writing(self) -> Iterator[Session]:
-        """Yield a session in one transaction, which is stored and chained completely or not at all.
+        """Yield a session in a transaction that is stored and chained completely or not at all.
 
-        Writers follow each other, so that the chain has one end. A call inside another one of
-        the same thread takes part in its transaction: entries that belong together are kept
-        together.
+        Transactions run one after the other, so that the chain has one end. A nested call in the
+        same thread joins the outer transaction, so that related entries are stored together.
 
         Raises
         ------
@@ -268,7 +269,7 @@ class Database:
             raise RecordError(
                 Message("{name} can only be read", self.name),
                 "a data directory with write permission",
-                "copy it to where it can be written, with its runs",
+                "copy it, with its runs, to a folder with write permission",
             )
         with self._session(writes=True) as session:
             if not self._sqlite:
@@ -292,7 +293,7 @@ class Database:
             yield session
 
     def execute(self, *statements: str) -> None:
-        """Run statements on the schema in one transaction, past the records."""
+        """Run SQL statements on the schema in one transaction, without adding records."""
         with self._session(writes=True) as session:
             for statement in statements:
                 session.execute(text(statement))
@@ -304,16 +305,16 @@ class Database:
         told: Callable[[str], None] | None = None,
         longest_s: float = PATIENCE_S,
     ) -> Result:
-        """Run an operation on the registry, with retries while its server doesn't answer.
+        """Run an operation on the registry; retry while its server doesn't answer.
 
-        For a file there is one attempt, since its defects are permanent.
+        A registry in a file gets one attempt, since retrying doesn't mend a file.
 
         Parameters
         ----------
         action : callable
-            Whole transactions, which may be begun again.
+            The operation, made of whole transactions, so that it can be repeated.
         told : callable, optional
-            Called once with the problem, before the first repeated attempt.
+            Called with the problem before the first retry.
         longest_s : float
             How long to retry, s.
 
@@ -325,13 +326,13 @@ class Database:
         return _retried(action, 0.0 if self._sqlite else longest_s, told)
 
     def head(self) -> ChainHead:
-        """Return the end of the chain, which covers every record so far."""
+        """Return the end of the chain, whose hash covers every record so far."""
         with self.session() as session:
             self.known_head = _head(session)
         return self.known_head
 
     def stored(self, path: Path) -> str:
-        """Return the stored form of a path; see the parameter `root`."""
+        """Return a path as the registry stores it; see the parameter `root`."""
         resolved = path.resolve()
         inside = self._sqlite and resolved.is_relative_to(self.root)
         return (resolved.relative_to(self.root) if inside else resolved).as_posix()
@@ -339,12 +340,12 @@ class Database:
     # -- entries --------------------------------------------------------------------------------
 
     def add(self, entry: Registered) -> int:
-        """Append an entry, and new equipment that it names; return its number.
+        """Append an entry, and equipment that it names and that is new; return the entry's number.
 
         Raises
         ------
         RecordError
-            Where its run isn't registered.
+            Where the entry's run isn't registered.
         """
         table = type(entry).__table__
         assert isinstance(table, Table)
@@ -371,12 +372,12 @@ class Database:
             elif isinstance(value, Path):
                 value = self.stored(value)
             elif value is None and not column.nullable:
-                value = ""  # a path that isn't there
+                value = ""  # no path
             values[column.name] = value
         return values
 
     def _row_of(self, session: Session, entry: Registered, column: Column[Any]) -> int | None:
-        """Return the number of the row that a key of an entry points to; None for none."""
+        """Return the number of the row that an entry's key refers to; None without one."""
         wanted, kind = {}, ""
         for each in fields(entry):
             key, attribute = each.metadata.get("through", ("", ""))
@@ -400,7 +401,7 @@ class Database:
         return number
 
     def equipment_key(self, kind: Any, serial: str) -> int:
-        """Return the number of a piece of equipment, which is registered if it isn't yet."""
+        """Return the number of a piece of equipment; register it if it is new."""
         known = self.entries(Identity, kind=kind, serial=serial)
         return known[0].number if known else self.add(Identity(kind, serial))
 
@@ -421,17 +422,17 @@ class Database:
         Parameters
         ----------
         *conditions
-            In terms of the kind's attributes, as SQLAlchemy takes them.
+            SQLAlchemy conditions on the kind's attributes.
         order : tuple of str
-            Columns by which they are sorted.
+            Columns to sort by.
         newest_first : bool
-            Whether they are sorted downwards.
+            Whether to sort in descending order.
         limit, offset : int, optional
-            How many, and how many to pass over.
+            How many entries to return, and how many to skip.
         problems : list of str, optional
-            Receives the entries that can't be read, which are then left out.
+            Receives a message for each entry that can't be read; such entries are then skipped.
         **wanted
-            Values of fields; None for any.
+            Required values of fields; None means any value.
 
         Raises
         ------
@@ -450,7 +451,7 @@ class Database:
         unreadable: list[str] = []
         entries = self._readable(kind, numbers, unreadable)
         if problems is None and unreadable:
-            raise RecordError(unreadable[0], "an entry as it was made", WAY_BACK)
+            raise RecordError(unreadable[0], "an entry as it was stored", WAY_BACK)
         if problems is not None:
             problems += unreadable
         return entries
@@ -458,7 +459,7 @@ class Database:
     def _readable(
         self, kind: type[Entry], numbers: Sequence[int], problems: list[str]
     ) -> list[Entry]:
-        """Return the entries of some numbers one by one, without those that can't be read."""
+        """Read entries one by one by their numbers; skip those that can't be read."""
         found = []
         for number in numbers:
             query = select(kind).where(kind.__table__.c.id == number)
@@ -472,14 +473,14 @@ class Database:
         return found
 
     def complete(self, entry: Entry) -> Entry:
-        """Return an entry apart from its session; see `completed`."""
+        """Detach an entry from its session and complete it; see `completed`."""
         session = object_session(entry)
         if session is not None:
             session.expunge(entry)
         return completed(entry, self.root)
 
     def links(self, after: int = 0, limit: int | None = None) -> list[Link]:
-        """Return links of the chain, from the one after a number on."""
+        """Return the links of the chain that follow the link with a number."""
         query = select(links).where(links.c.sequence > after).order_by(links.c.sequence)
         with self.session() as session:
             return [Link(**row._mapping) for row in session.execute(query.limit(limit))]
@@ -504,7 +505,7 @@ def entries_query(
 
 
 def _bound(column: Column[Any], value: Any, session: Session) -> Any:
-    """Return a value as the database and the chain get it."""
+    """Convert a value to the form that is stored and hashed."""
     if isinstance(column.type, TypeDecorator):
         return column.type.process_bind_param(value, session.get_bind().dialect)
     return value
@@ -528,12 +529,12 @@ def _retried(
 
 @contextmanager
 def database_failures(what: str) -> Iterator[None]:
-    """Turn a failure of a database into an error with its cause.
+    """Convert exceptions of the database into a `RecordError` that names the cause.
 
     Raises
     ------
     UnavailableError
-        Where it may be over a moment later.
+        Where the failure may be temporary.
     RecordError
         For every other failure.
     """
@@ -565,12 +566,12 @@ def _append_links(session: Session) -> ChainHead:
 
 
 def url_with_driver(url: str | URL) -> URL:
-    """Return a registry's URL with the driver that opens it.
+    """Parse a registry's URL and add the database driver.
 
     Raises
     ------
     InputError
-        Where it isn't one, or its driver isn't installed.
+        Where the URL is invalid, or its driver isn't installed.
     """
     try:
         parsed = make_url(url)
@@ -598,7 +599,7 @@ def url_with_driver(url: str | URL) -> URL:
 
 
 def _reading_engine(address: str) -> Engine:
-    """Return an engine that only reads a file in place."""
+    """Return an engine that opens a file read-only."""
 
     def connect() -> sqlite3.Connection:
         return sqlite3.connect(address, uri=True, check_same_thread=False)
@@ -607,7 +608,7 @@ def _reading_engine(address: str) -> Engine:
 
 
 def engine_of(url: URL) -> Engine:
-    """Return an engine whose connections are tried before they are used again."""
+    """Return an engine that tests its connections before it reuses them."""
     if url.drivername == "sqlite":
         if url.database:
             with contextlib.suppress(OSError):  # SQLite itself reports a file that can't be created
@@ -621,30 +622,30 @@ def engine_of(url: URL) -> Engine:
     close = engine.dialect.do_close
 
     def close_quietly(dbapi_connection: DBAPIConnection) -> None:
-        with contextlib.suppress(engine.dialect.loaded_dbapi.Error):  # the server has closed first
+        with contextlib.suppress(engine.dialect.loaded_dbapi.Error):  # the server was first
             close(dbapi_connection)
 
-    # The pool closes connections through the dialect, whose closing has no event.
+    # The pool closes connections through the dialect, which emits no event for that.
     engine.dialect.do_close = close_quietly  # type: ignore[method-assign]
     return engine
 
 
 def _note_disconnect(context: ExceptionContext) -> None:
-    # A server that shuts down states a code that SQLAlchemy's dialect doesn't check; one that
-    # vanished between question and answer causes the socket's own error.
+    # A server that shuts down sends a code that SQLAlchemy's dialect doesn't check; a server that
+    # vanishes during a query causes an error of the socket.
     error = context.original_exception
     if isinstance(error, ConnectionError) or _code(error).startswith(DISCONNECTING):
         context.is_disconnect = True
 
 
 def _code(error: BaseException | None) -> str:
-    """Return the SQLSTATE of a PostgreSQL error; empty if it has none."""
+    """Return the SQLSTATE of a PostgreSQL error; empty without one."""
     fields = error.args[0] if error is not None and error.args else None
     return str(fields.get("C", "")) if isinstance(fields, dict) else ""
 
 
 def _kind_of(error: SQLAlchemyError | ConnectionError) -> type[RecordError]:
-    """Return the project's error for an error of the database."""
+    """Return the class of torquebench error for an error of the database."""
     if isinstance(error, OperationalError | InterfaceError | ConnectionError) or (
         isinstance(error, DBAPIError)
         and (error.connection_invalidated or _code(error.orig).startswith(PASSING))
@@ -659,16 +660,17 @@ def _remedy(error: SQLAlchemyError | ConnectionError) -> str:
     known = next((said for start, said in _REMEDIES.items() if code.startswith(start)), "")
     if known:
         return known
-    # A server may close the connection of a role that it refuses before its reason is read.
+    # A server that refuses a role may close the connection before its reason is read.
     if isinstance(original, ConnectionError) or isinstance(original.__cause__, OSError):
         return (
-            "check whether the server runs, and user and password in the URL; what it has is kept"
+            "check whether the server runs, and check user and password in the URL; its "
+            "data are kept"
         )
-    return "make room on its disk, or check whether it runs; what it has is unchanged"
+    return "free space on its disk, or check whether it runs; its data are unchanged"
 
 
 def _cause(error: SQLAlchemyError | ConnectionError) -> str:
-    """Return the database's own message, without the statement and its parameters."""
+    """Return the database's message without the SQL statement and its parameters."""
     said = getattr(error, "orig", None)
     if said is None:
         return str(error)
@@ -689,6 +691,7 @@ def _set_up_sqlite(connection: Any, _record: object) -> None:
 
 
 def _begin_sqlite(connection: Connection) -> None:
-    # A transaction that began as a reader would find the end of the chain moved, and fail.
+    # A transaction that begins by reading fails when it writes after another has extended the
+    # chain.
     writes = connection.get_execution_options().get("writes", True)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

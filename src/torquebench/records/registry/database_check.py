@@ -1,4 +1,4 @@
-"""Integrity of a registry's database: pages, indexes, tables, triggers."""
+"""Check the integrity of a registry's database: pages, indexes, tables, triggers."""
 
 import functools
 import sqlite3
@@ -21,12 +21,12 @@ _OF_AN_INDEX = ("missing from index", "entries in index", "non-unique entry in i
 
 
 def damage_of_file(file: Path) -> tuple[str, ...]:
-    """Return SQLite's findings in a file: pages, indexes, references; empty if it is sound.
+    """Return the defects that SQLite finds in a file's pages, indexes and references.
 
     Parameters
     ----------
     file : pathlib.Path
-        A database that exists, which may be in use.
+        An existing database; it may be in use.
     """
     try:
         with sqlite_reader(file) as address, closing(_connected(address)) as connection:
@@ -40,7 +40,7 @@ def damage_of_file(file: Path) -> tuple[str, ...]:
 
 
 def index_damage_only(damage: tuple[str, ...]) -> bool:
-    """Return whether only indexes are damaged, which follow from the rows.
+    """Return whether only indexes are damaged; they can be rebuilt from the rows.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def _connected(address: str) -> sqlite3.Connection:
 
 
 def schema_changes(registry: Database) -> Iterator[Finding]:
-    """Yield tables, indexes and triggers that aren't as this version makes them."""
+    """Yield tables, indexes and triggers that differ from those that this version creates."""
     present, expected = _schema(registry), _expected_schema(registry.dialect)
     for key in sorted(expected.keys() | present.keys()):
         if present.get(key) == expected.get(key):
@@ -70,7 +70,7 @@ def schema_changes(registry: Database) -> Iterator[Finding]:
 
 
 def mend_schema(registry: Database) -> list[str]:
-    """Make indexes and triggers of a SQLite registry again that are missing or differ.
+    """Recreate missing or changed indexes and triggers of a SQLite registry.
 
     Returns
     -------

@@ -1,11 +1,11 @@
-"""What the registry stores, as mapped dataclasses: each class is a table and the value of its rows.
+"""Tables of the registry as mapped dataclasses: a class is a table, an instance is a row.
 
 Every table is append-only: triggers refuse changes, and the chain's links reveal changes that
-bypass them. Later information (a run's end, the state of equipment, a calibration's review) is a
-row of its own that refers to the original.
+bypass them. Later information (a run's end, the state of equipment, a calibration's review) is
+added as a separate row that refers to the original.
 
-A field with a label is shown wherever the entry is shown; see `facts`. A new column needs a
-migration, which names it.
+A field with a label is displayed wherever the entry is displayed; see `facts`. A new column needs a
+migration that adds it.
 """
 
 import hashlib
@@ -100,34 +100,34 @@ __all__ = [
 
 
 class UtcDateTime(TypeDecorator[datetime]):
-    """A moment with time zone, stored in UTC: SQLite itself keeps no time zone."""
+    """A time with time zone, stored in UTC, because SQLite stores no time zone."""
 
     impl = DateTime(timezone=True)
     cache_ok = True
 
     def process_bind_param(self, value: datetime | None, _dialect: Dialect) -> datetime | None:
-        """Turn a moment into UTC on its way into the database."""
+        """Convert a time to UTC before it is stored."""
         return None if value is None else value.astimezone(UTC)
 
     def process_result_value(self, value: datetime | None, _dialect: Dialect) -> datetime | None:
-        """Give a stored moment its time zone back."""
+        """Add the time zone to a stored time."""
         if value is None:
             return None
         return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
 
 
 class Document(TypeDecorator[Any]):
-    """Plain JSON; the messages in it keep their templates, see `with_messages`."""
+    """Plain JSON that keeps the templates of its messages; see `with_messages`."""
 
     impl = JSON
     cache_ok = True
 
     def process_bind_param(self, value: Any, _dialect: Dialect) -> Any:
-        """Return a value as JSON holds it."""
+        """Convert a value to plain JSON."""
         return None if value is None else json.loads(json_text(with_messages(value)))
 
     def coerce_compared_value(self, op: Any, value: Any) -> Any:
-        """Let its parts be compared as those of JSON."""
+        """Compare parts of the document as SQLAlchemy compares JSON."""
         return self.impl_instance.coerce_compared_value(op, value)
 
 
@@ -146,7 +146,7 @@ EquipmentKind = Literal[
     "reducer",
 ]
 HIDDEN: Json = MappingProxyType({"exclude": True})
-"""Metadata of a field that no client of the panel's API gets: numbers of rows, paths."""
+"""Metadata of a field that the panel's API doesn't return: numbers of rows, paths."""
 
 metadata = MetaData(
     naming_convention={
@@ -159,10 +159,11 @@ metadata = MetaData(
 
 
 class Registered(MappedAsDataclass, DeclarativeBase):
-    """A kind of entry.
+    """Base class of all kinds of entries.
 
-    A field made by `through` isn't stored here, but in the row that a key points to: it is read
-    from there, and an entry that is added gets the key of the row with its value.
+    A field declared by `_through` is stored in another table's row, to which a key of this row
+    refers. Reading takes its value from there; adding an entry stores the key of the row with that
+    value.
     """
 
     metadata = metadata
@@ -185,7 +186,7 @@ class Registered(MappedAsDataclass, DeclarativeBase):
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         for each in fields(cls):
-            if get_origin(each.type) is Mapped:  # other libraries read the type of the value
+            if get_origin(each.type) is Mapped:  # dataclass tools need the type without `Mapped`
                 each.type = get_args(each.type)[0]
             if "through" in each.metadata:
                 key, attribute = each.metadata["through"]
@@ -194,7 +195,7 @@ class Registered(MappedAsDataclass, DeclarativeBase):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, _source: object, handler: Any) -> Any:
-        """Describe an entry to the panel's API: a plain dataclass of its fields."""
+        """Return the schema for the panel's API: a plain dataclass with the entry's fields."""
         from pydantic_core import core_schema
 
         plain = make_dataclass(
@@ -214,14 +215,14 @@ class Registered(MappedAsDataclass, DeclarativeBase):
 
 
 def _derive(kind: type[Registered], name: str, value: Any) -> None:
-    """Read a field of a kind from other rows."""
+    """Define a field of a kind of entry that is read from other rows."""
     if name in vars(kind):  # the default of its dataclass
         type.__delattr__(kind, name)
     setattr(kind, name, column_property(value))
 
 
 def _value_at(key: ColumnElement[Any], kind: str, attribute: str) -> Any:
-    """Return the value of an attribute in the row of a kind that a key points to."""
+    """Return the query for an attribute of the row to which a key refers."""
     (target,) = (each for each in Registered.__subclasses__() if each.__name__ == kind)
     row = aliased(target)
     number = inspect(target).get_property_by_column(target.__table__.c.id).key
@@ -229,22 +230,22 @@ def _value_at(key: ColumnElement[Any], kind: str, attribute: str) -> Any:
 
 
 def _number() -> Any:
-    """Declare the number of a row, which isn't a field of the entry."""
+    """Declare the primary key column."""
     return mapped_column("id", Integer, primary_key=True)
 
 
 def _key(table: str, *, nullable: bool = False, index: bool = False) -> Any:
-    """Declare the number of another table's row, which isn't a field either; see `_through`."""
+    """Declare a foreign key column to another table; see `_through`."""
     return mapped_column(ForeignKey(f"{table}.id"), nullable=nullable, index=index or None)
 
 
 def _recorded() -> Any:
-    """Declare when a row was entered, which isn't a field of the entry."""
+    """Declare the column with the time of entry."""
     return mapped_column(UtcDateTime, nullable=False)
 
 
 def _through(key: str, attribute: str, label: str = "", **options: Any) -> Any:
-    """Declare a field that stands in the row that a key of this class points to."""
+    """Declare a field that is stored in the row to which a key of this class refers."""
     more = {"label": label} if label else {}
     kind = {"kind": options.pop("kind")} if "kind" in options else {}
     return field(metadata={"through": (key, attribute), **kind, **more}, **options)
@@ -256,12 +257,12 @@ def _serial(key: str, kind: EquipmentKind, label: str = "", **default: Any) -> A
 
 
 def _stated(label: str, **options: Any) -> Any:
-    """Declare a column that is shown with its label wherever the entry is shown."""
+    """Declare a column that is displayed with its label wherever the entry is displayed."""
     return mapped_column(dataclass_metadata={"label": label}, **options)
 
 
 def _of_calibration(attribute: str) -> Any:
-    """Declare what a model has from its calibration; not stored with it."""
+    """Declare a field of a model that is read from its calibration."""
     return _through("calibration_key", attribute, init=False)
 
 
@@ -299,11 +300,11 @@ class RunSummary(Registered, kw_only=True):
     folder : pathlib.Path
         The run's folder.
     doubts : tuple of str
-        Implausible times; filled in by lists that look for them.
+        Implausible times; filled in by the lists that check for them.
     """
 
     __tablename__ = "runs"
-    # Lists of runs are sorted newest first: these indexes serve them, read backwards.
+    # These indexes, read backwards, serve lists of runs sorted newest first.
     __table_args__ = (
         Index("ix_runs_started", "started", "id"),
         Index("ix_runs_kind_started", "kind", "started", "id"),
@@ -339,7 +340,7 @@ for _name in ("finished", "status", "reason", "manifest_sha256"):
 
 
 class AuditEnd(Registered):
-    """The end of an audit log when its bench was closed: a removal before it is detected."""
+    """The end of an audit log when its bench was closed; it reveals a later removal of lines."""
 
     __tablename__ = "audit_ends"
 
@@ -354,7 +355,7 @@ class AuditEnd(Registered):
 
 
 class Identity(Registered):
-    """A piece of equipment: what never changes of it."""
+    """Kind and serial number of a piece of equipment, which never change."""
 
     __tablename__ = "equipment"
     __table_args__ = (Index("ix_equipment_identity", "kind", "serial", unique=True),)
@@ -368,7 +369,7 @@ class Identity(Registered):
 class Equipment(Registered):
     """A transducer, standard, counter, drive, encoder, bench or tested reducer.
 
-    The data of a piece of equipment from a time on; the latest row is valid.
+    Its data from a certain time on; the latest row is valid.
 
     Parameters
     ----------
@@ -399,7 +400,7 @@ class Equipment(Registered):
 
 @dataclass(frozen=True)
 class Component:
-    """A piece of equipment that is fitted into another one.
+    """A piece of equipment that is built into another one.
 
     Parameters
     ----------
@@ -408,7 +409,7 @@ class Component:
     role : str
         Role, such as ``"output.transducer"``.
     fitted : datetime.datetime
-        Since when.
+        When it was fitted.
     """
 
     whole: tuple[str, str]
@@ -474,7 +475,7 @@ class TorqueRange(NamedTuple):
 
 
 class Report(Registered):
-    """The certificate of a standard by the laboratory that calibrated it: traceability.
+    """A laboratory's calibration certificate of a standard, which gives traceability.
 
     Parameters
     ----------
@@ -483,12 +484,12 @@ class Report(Registered):
     number, laboratory : str
         Of the certificate.
     performed, due : datetime.date, optional
-        Day of the calibration, and last day on which it counts.
+        Day of the calibration, and last day on which the certificate is valid.
     valid_nm : tuple of float, optional
         Lowest and highest torque that it covers, in N·m.
     expanded_uncertainty_percent : float, optional
-        Largest U (k = 2) of the standard, % of its range. One that is certified as a share of the
-        torque has its largest U at full range.
+        Largest U (k = 2) of the standard, % of its range. If U is certified as a share of the
+        torque, it is largest at full range.
     file : pathlib.Path, optional
         The certificate's file, which is hashed when it is registered.
     """
@@ -522,8 +523,8 @@ class Zeroing(Registered, kw_only=True):
     Parameters
     ----------
     zero_hz, zero_nm : float
-        Frequency (of a transducer that states another signal, that in its own unit), and its
-        deviation from the nominal zero in N·m.
+        Frequency (or the transducer's other signal, in its unit), and its deviation from the
+        nominal zero in N·m.
     """
 
     __tablename__ = "zeroings"
@@ -554,7 +555,7 @@ class CalibrationEntry(Registered, kw_only=True):
     run_id : str or None
         The run that measured it; None for an external table.
     transducer_serial, counter_identity : str
-        The chain that it is valid for.
+        The measuring chain for which it is valid.
     standard_serial, measured_by : str
         The reference standard, and the person who measured.
     valid_nm : tuple of float
@@ -562,11 +563,11 @@ class CalibrationEntry(Registered, kw_only=True):
     due : datetime.date or None
         When the chain is to be calibrated again.
     files : mapping of str to str
-        SHA-256 of the files that hold it, by their names.
+        SHA-256 of its files, by name.
     signature : Signature or None
-        How `measured_by` came about; None before 0.3.0.
+        How the name in `measured_by` was authenticated; None before 0.3.0.
     doubts : tuple of str
-        An expired standard, implausible times; filled in by lists that look for them.
+        An expired standard, implausible times; filled in by the lists that check for them.
     """
 
     __tablename__ = "calibrations"
@@ -604,17 +605,17 @@ class CalibrationEntry(Registered, kw_only=True):
 
     @classmethod
     def of_points(cls, data: "CalibrationData", *, performed: datetime, **more: Any) -> Self:
-        """Return the entry of a table of points.
+        """Make the entry of a calibration from its points.
 
         Parameters
         ----------
         data : CalibrationData
-            With transducer serial and counter identity.
+            Points with transducer serial and counter identity.
         performed : datetime.datetime
-            When, with time zone.
+            When it was performed, with time zone.
         **more
-            Other fields. The summary always has the errors of the span: control charts are drawn
-            from them.
+            Other fields. The errors of the span are added to the summary, because control charts
+            need them.
         """
         from torquebench.calibration import span_errors  # not imported for lists of records
 
@@ -650,7 +651,7 @@ class ModelEntry(Registered, kw_only=True):
     transducer_serial, counter_identity, simulated
         Of its calibration.
     active : bool
-        Whether it is in use; filled in by lists of models.
+        Whether the model is in use; filled in by `Registry.model` and `Registry.models`.
     """
 
     __tablename__ = "models"
@@ -673,7 +674,7 @@ class ModelEntry(Registered, kw_only=True):
 
     @property
     def contradictions(self) -> "tuple[Contradiction, ...]":
-        """Contradictions of the calibration, because of which the model shouldn't be activated."""
+        """Contradictions in the calibration's data, which speak against activating the model."""
         if "contradictions" not in self.metrics:
             return ()
         from torquebench.calibration import Contradiction  # not imported for lists of models
@@ -681,7 +682,7 @@ class ModelEntry(Registered, kw_only=True):
         return tuple(Contradiction(**each) for each in self.metrics["contradictions"])
 
     def check_file(self) -> Path:
-        """Return the path of the model file after checking that it is still the one registered.
+        """Return the path of the model file after checking that its content is unchanged.
 
         Raises
         ------
@@ -704,9 +705,9 @@ class ModelEntry(Registered, kw_only=True):
 
 
 class Activation(Registered, kw_only=True):
-    """A model put into use for a chain, or (model_id None) compensation taken out of use.
+    """Activation of a model for a chain, or with model_id None, deactivation of its compensation.
 
-    `signature` says how the decision came about; it is None before 0.3.0.
+    `signature` says how the decision was authenticated; it is None before 0.3.0.
     """
 
     __tablename__ = "activations"
@@ -725,7 +726,7 @@ class Activation(Registered, kw_only=True):
 
 
 class VerificationEntry(Registered, kw_only=True):
-    """Result of a verification for one model; `summary` holds its numbers."""
+    """Result of a verification for one model; its numbers are in `summary`."""
 
     __tablename__ = "verifications"
 
@@ -782,17 +783,17 @@ class CertificateEntry(Registered, kw_only=True):
     number : str
         Its unique number.
     authorised_by : str
-        Who answers for it.
+        Who authorised it.
     files : mapping of str to str
         SHA-256 by file name.
     summary : mapping
-        Summary of its statements: see `of_record`.
+        Summary of its statements; see `of_record`.
     supersedes : str
         Number of the certificate that it replaces; empty for a first one.
     signature : Signature or None
-        How the authorisation came about; None before 0.3.0.
+        How the authorisation was authenticated; None before 0.3.0.
     superseded_by : str
-        Number of the one that replaces it, once there is one.
+        Number of the certificate that replaces it; empty if there is none.
     """
 
     __tablename__ = "certificates"
@@ -822,7 +823,7 @@ class CertificateEntry(Registered, kw_only=True):
         calibration_id: int,
         **more: str,
     ) -> Self:
-        """Return the entry of a certificate from its record.
+        """Make the entry of a certificate from its record.
 
         Parameters
         ----------
@@ -831,11 +832,11 @@ class CertificateEntry(Registered, kw_only=True):
         files : mapping of str to str
             SHA-256 by file name.
         archive : str
-            Folder of its files, as `archive` has it.
+            Folder of its files; see `archive`.
         issued : datetime.datetime
             When it was entered, with time zone.
         calibration_id : int
-            Of the calibration that it states, in this registry.
+            Number of its calibration in this registry.
         **more : str
             Further entries of the summary.
         """
@@ -884,12 +885,12 @@ class CertificateEntry(Registered, kw_only=True):
 
     @property
     def archive(self) -> str:
-        """Folder of its files, as a path of its own or within the data directory."""
+        """Folder of its files: an absolute path, or relative to the data directory."""
         return archived_at(self.number, self.summary)
 
 
 def archived_at(number: str, summary: Mapping[str, Any]) -> str:
-    """Return the folder in which the files of a certificate were put when it was issued.
+    """Return the folder in which a certificate's files were stored when it was issued.
 
     Examples
     --------
@@ -900,7 +901,7 @@ def archived_at(number: str, summary: Mapping[str, Any]) -> str:
 
 
 def sha256_of_record(record: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a certificate's record, whichever way its JSON is laid out."""
+    """Return the SHA-256 of a certificate's record, independent of the JSON's layout."""
     text = json.dumps(record, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -908,7 +909,7 @@ def sha256_of_record(record: Mapping[str, Any]) -> str:
 class Review(Registered):
     """A review of a record, and its result.
 
-    `signature` says how it came about and what was reviewed; it is None before 0.3.0.
+    `signature` says how the reviewer was authenticated and what was reviewed; None before 0.3.0.
     """
 
     __tablename__ = "reviews"
@@ -960,11 +961,11 @@ links = Table(
     Column("sha256", String(64), nullable=False, unique=True),
     Index("ix_chain_row", "table", "key", unique=True),
 )
-"""Rows of the other tables as entered, by the fields of a link of the hash chain."""
+"""The hash chain: a link for every row of the other tables, with the row's content when entered."""
 
 
 def facts(entry: Registered) -> Iterator[tuple[str, Any]]:
-    """Yield label and value of every field of an entry that is shown by itself."""
+    """Yield label and value of every field of an entry that has a label and a value."""
     for each in fields(entry):
         value = getattr(entry, each.name)
         if "label" in each.metadata and value not in (None, ""):
@@ -972,16 +973,16 @@ def facts(entry: Registered) -> Iterator[tuple[str, Any]]:
 
 
 def entry_of(kind: type[Entry], columns: Mapping[Any, Any], root: Path = Path()) -> Entry:
-    """Return an entry from columns that have the names of its fields.
+    """Make an entry from columns that are named like its fields.
 
     Parameters
     ----------
     kind : type
         Kind of entry.
     columns : mapping
-        Where there is no value, the field has its default.
+        Values by field name; a field without a value gets its default.
     root : pathlib.Path
-        Data directory of the stored paths.
+        Data directory to which stored paths are relative.
     """
     known = {
         each.name: columns[each.name]
@@ -998,7 +999,7 @@ def entry_of(kind: type[Entry], columns: Mapping[Any, Any], root: Path = Path())
 
 
 def completed(entry: Entry, root: Path = Path()) -> Entry:
-    """Return an entry as it was read from its columns, with whole paths, messages, signatures."""
+    """Convert the stored columns of an entry: absolute paths, messages, signatures."""
     for each in fields(entry):
         value = getattr(entry, each.name)
         if each.type in (Path, Path | None):

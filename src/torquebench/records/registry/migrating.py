@@ -24,15 +24,15 @@ def upgrade(engine: Engine, *, read_only: bool = False, to: str = SCHEMA_VERSION
     ----------
     engine : sqlalchemy.Engine
     read_only : bool
-        Whether nothing can be written, so that only a registry of this version is accepted.
+        Whether the registry can't be written; then only a registry of this version is accepted.
     to : str
-        The version; another one than the newest for tests.
+        The version to upgrade to; tests choose an older one.
 
     Raises
     ------
     RecordError
-        Where a newer version of torquebench has made the registry, one before 0.2.0, or
-        something else.
+        Where the database isn't a registry, or a version newer than this one or before 0.2.0 made
+        it.
     """
     found = _version(engine)
     if found == SCHEMA_VERSION:
@@ -55,9 +55,9 @@ def upgrade(engine: Engine, *, read_only: bool = False, to: str = SCHEMA_VERSION
                 found or "of an empty file",
             ),
             Message("the schema {schema_version}", SCHEMA_VERSION),
-            "copy the data directory to where it can be written, and open it there",
+            "copy the data directory to a folder with write permission, and open it there",
         )
-    # Imported only if needed: most registries are up to date.
+    # Imported only if needed, because most registries are up to date.
     from alembic import command
     from alembic.config import Config
 
@@ -68,13 +68,13 @@ def upgrade(engine: Engine, *, read_only: bool = False, to: str = SCHEMA_VERSION
                 "the registry {url} has the schema {found}", engine.url.render_as_string(), found
             ),
             Message("{schema_version} or older", SCHEMA_VERSION),
-            "a newer torquebench has made it: upgrade this one",
+            "it was made by a newer torquebench: upgrade this one",
         )
     config = Config()
     config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
     with engine.execution_options(writes=True).begin() as connection:
         if engine.dialect.name == "postgresql":
-            # Two benches that open a new database at once upgrade it in turn.
+            # The lock lets two benches that open a new database upgrade it one after the other.
             connection.execute(text("SELECT pg_advisory_xact_lock(7240514)"))
         config.attributes["connection"] = connection
         command.upgrade(config, to)
@@ -95,6 +95,6 @@ def _version(engine: Engine) -> str | None:
                     ", ".join(tables[:5]),
                 ),
                 "an empty database, or a registry of this version or an older one",
-                "name another data directory or database",
+                "choose another data directory or database",
             )
     return None

@@ -1,4 +1,4 @@
-"""The registry: every record of a data directory, chained so that no change stays hidden."""
+"""The registry: all records of a data directory, in a hash chain that reveals every change."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -64,8 +64,8 @@ _DOERS = ("measured_by", "performed_by", "authorised_by", "operator")
 class Registry(RunRecords):
     """The records of a data directory, in SQLite by default and in PostgreSQL by URL.
 
-    It is opened by `Registry.open` for a data directory, or by a database URL and the data
-    directory; see `Database`. Records are added and amended, never changed.
+    Open it by `Registry.open` for a data directory, or by `Registry` with a database URL and the
+    data directory; see `Database`. Records are added and amended, never changed.
 
     Examples
     --------
@@ -81,13 +81,13 @@ class Registry(RunRecords):
     # -- equipment ------------------------------------------------------------------------------
 
     def add_equipment(self, equipment: Equipment) -> None:
-        """Register equipment, or its changed data."""
+        """Register new equipment, or changed data of registered equipment."""
         self._add_changed(equipment)
 
     def equipment(
         self, kind: EquipmentKind | None = None, serial: str | None = None
     ) -> list[Equipment]:
-        """Return the registered equipment, all or of a kind or a serial, by both."""
+        """Return registered equipment, optionally of one kind or serial, sorted by both."""
         latest = select(func.max(Equipment.number)).group_by(Equipment.equipment_key)
         query = (
             select(Identity, Equipment)
@@ -111,7 +111,7 @@ class Registry(RunRecords):
             ]
 
     def _add_changed(self, entry: Equipment | Report, unimportant: tuple[str, ...] = ()) -> None:
-        """Append an entry unless the latest of its equipment says the same."""
+        """Append an entry unless it equals the latest entry of the same equipment."""
         with self.writing():
             latest = self.entries(
                 type(entry), newest_first=True, limit=1, kind=entry.kind, serial=entry.serial
@@ -133,14 +133,14 @@ class Registry(RunRecords):
         performed_by: str = "",
         reason: str = "",
     ) -> None:
-        """Enter that a part is fitted into a whole, replacing the earlier part.
+        """Register that a part was fitted into a whole and replaces the earlier part.
 
-        Nothing is entered where the part is there already.
+        Nothing is registered if the part is fitted already.
 
         Raises
         ------
         InputError
-            Where the name of an account was typed by somebody else.
+            Where a name belongs to an account and was typed by somebody else.
         """
         Accounts.of(self.root).refuse_typed(performed_by, present_signature())
         with self.writing():
@@ -169,7 +169,7 @@ class Registry(RunRecords):
         ]
 
     def _fitted(self, whole_key: int) -> dict[str, ComponentChange]:
-        """Return the latest change of each role that a part is fitted in."""
+        """Return the latest change of each role in which a part is fitted."""
         latest = {each.role: each for each in self.entries(ComponentChange, whole_key=whole_key)}
         return {role: change for role, change in latest.items() if change.change == "fitted"}
 
@@ -179,7 +179,7 @@ class Registry(RunRecords):
         Raises
         ------
         InputError
-            Where the name of an account was typed by somebody else.
+            Where a name belongs to an account and was typed by somebody else.
         """
         accounts, signature = Accounts.of(self.root), present_signature()
         for name in (adjustment.performed_by, adjustment.checked_by):
@@ -191,7 +191,7 @@ class Registry(RunRecords):
         return self.entries(Adjustment, serial=serial)
 
     def add_report(self, report: Report) -> None:
-        """Register the certificate of a standard, unless exactly this one is registered.
+        """Register the certificate of a standard unless the same certificate is registered already.
 
         Raises
         ------
@@ -203,7 +203,7 @@ class Registry(RunRecords):
                 Message("certificate {file} is missing", report.file), "a file that can be read"
             )
         digest = "" if report.file is None else sha256_of_file(report.file)
-        # The same certificate may lie elsewhere.
+        # The same certificate may be in another folder.
         self._add_changed(replace(report, file_sha256=digest), ("file",))
 
     def reports(self, serial: str) -> list[Report]:
@@ -227,13 +227,13 @@ class Registry(RunRecords):
     # -- calibrations ---------------------------------------------------------------------------
 
     def add_calibration(self, entry: CalibrationEntry) -> CalibrationEntry:
-        """Register a calibration; its transducer and counter are registered where they aren't yet.
+        """Register a calibration, and its transducer and counter if they are new.
 
         Raises
         ------
         RecordError
-            Where transducer or counter aren't named, the run isn't registered, or the points of a
-            real bench are registered already.
+            Where transducer or counter aren't named, the run isn't registered, or the same points
+            of a real bench are registered already.
         """
         if not entry.transducer_serial or not entry.counter_identity:
             raise RecordError(
@@ -281,7 +281,7 @@ class Registry(RunRecords):
         limit: int | None = None,
         problems: list[str] | None = None,
     ) -> list[CalibrationEntry]:
-        """Return calibrations, all or of one transducer, the newest first; see `entries`."""
+        """Return all calibrations, or those of one transducer, the newest first; see `entries`."""
         return self.entries(
             CalibrationEntry,
             newest_first=True,
@@ -316,9 +316,10 @@ class Registry(RunRecords):
         metrics : mapping, optional
             Errors of its cross-validation.
         contradictions : sequence of Contradiction
-            Contradictions of its calibration; it is then activated only by a person's decision.
+            Contradictions in its calibration; if there are any, only a person can activate the
+            model.
         created : datetime.datetime, optional
-            When, with time zone; now by default.
+            When it was fitted, with time zone; now by default.
 
         Raises
         ------
@@ -364,9 +365,9 @@ class Registry(RunRecords):
         limit: int | None = None,
         problems: list[str] | None = None,
     ) -> list[ModelEntry]:
-        """Return models, all or those of a transducer or a calibration, the newest first.
+        """Return all models, or those of a transducer or a calibration, the newest first.
 
-        `active` of each says whether it is in use.
+        The attribute `active` says whether a model is in use.
         """
         return self._in_use(
             self.entries(
@@ -380,7 +381,7 @@ class Registry(RunRecords):
         )
 
     def _in_use(self, models: list[ModelEntry]) -> list[ModelEntry]:
-        """Return models with the statement whether they are in use."""
+        """Set the attribute `active` of models and return them."""
         serials = {model.transducer_serial for model in models}
         latest = {
             (each.transducer_serial, each.counter_identity): each.model_id
@@ -411,17 +412,17 @@ class Registry(RunRecords):
         operator, reason : str
             Person and reason of the decision.
         despite_contradictions : bool
-            Whether the operator, by name and with a reason, takes a model whose calibration
-            contradicts itself.
+            Whether to activate even a model whose calibration contradicts itself; this needs the
+            operator's name and a reason.
         signature : Signature, optional
-            How the decision came about; by default that of `present_signature`.
+            How the operator was authenticated; by default `present_signature`.
 
         Raises
         ------
         RecordError
             Where the model isn't registered, or its calibration contradicts itself.
         InputError
-            Where such a model is taken without a name or a reason.
+            Where such a model is activated without a name or a reason.
         """
         with self.writing():
             model = self.model(model_id)
@@ -434,8 +435,8 @@ class Registry(RunRecords):
                         Message.joined((each.found for each in contradictions), "; "),
                     ),
                     "a plausible calibration",
-                    "find the cause and calibrate again, or take it despite contradictions, by "
-                    "name and with a reason",
+                    "find the cause and calibrate again, or activate it despite "
+                    "contradictions with a name and a reason",
                 )
             if contradictions and not (operator.strip() and reason.strip()):
                 raise InputError(
@@ -448,7 +449,7 @@ class Registry(RunRecords):
                         "model-{model_id}, whose calibration contradicts itself, without a name",
                         model_id,
                     ),
-                    "the name of who takes it, and the reason",
+                    "the name of the person who decides, and the reason",
                 )
             if contradictions:
                 reason = Message("although its calibration contradicts itself: {reason}", reason)
@@ -475,7 +476,7 @@ class Registry(RunRecords):
         reason: str = "",
         signature: Signature | None = None,
     ) -> None:
-        """Deactivate the compensation of a chain; the history keeps earlier ones."""
+        """Deactivate the compensation of a chain; earlier activations stay in the history."""
         signature = signature or present_signature()
         Accounts.of(self.root).refuse_typed(operator, signature)
         self.add(
@@ -496,8 +497,8 @@ class Registry(RunRecords):
         Raises
         ------
         ModelMismatchError
-            If the transducer's active model belongs to another counter: a timebase error is part of
-            the calibration.
+            If the transducer's active model was made with another counter, whose timebase error is
+            part of the calibration.
         """
         latest = {
             activation.counter_identity: activation.model_id
@@ -514,13 +515,13 @@ class Registry(RunRecords):
                     transducer_serial,
                     counter_identity,
                 ),
-                Message("counter {others}, which its model was made with", ", ".join(others)),
+                Message("counter {others}, with which its model was made", ", ".join(others)),
                 "calibrate again with this counter",
             )
         return None
 
     def activations(self, transducer_serial: str) -> list[Activation]:
-        """Return the history of a transducer's models in use, the oldest first."""
+        """Return the activations of a transducer's models, the oldest first."""
         return self.entries(Activation, transducer_serial=transducer_serial)
 
     # -- verifications, checks ------------------------------------------------------------------
@@ -575,12 +576,13 @@ class Registry(RunRecords):
     # -- certificates ---------------------------------------------------------------------------
 
     def add_certificate(self, entry: CertificateEntry) -> None:
-        """Register a certificate that is issued.
+        """Register an issued certificate.
 
         Raises
         ------
         RecordError
-            Where the number is taken, or calibration or replaced certificate aren't registered.
+            Where the number exists already, or the calibration or the replaced certificate isn't
+            registered.
         """
         with self.writing():
             Accounts.of(self.root).refuse_typed(
@@ -588,9 +590,9 @@ class Registry(RunRecords):
             )
             if self.entries(CertificateEntry, number=entry.number):
                 raise RecordError(
-                    Message("certificate {number} is issued", entry.number),
+                    Message("certificate {number} is already issued", entry.number),
                     "a new number",
-                    "issue an amended certificate under its own number that supersedes it",
+                    "issue an amended certificate that supersedes it, with a new number",
                 )
             self.calibration(entry.calibration_id)
             if entry.supersedes and not self.entries(CertificateEntry, number=entry.supersedes):
@@ -601,7 +603,7 @@ class Registry(RunRecords):
             self.add(entry)
 
     def certificates(self, calibration_id: int | None = None) -> list[CertificateEntry]:
-        """Return certificates, all or of one calibration, the newest first."""
+        """Return all certificates, or those of one calibration, the newest first."""
         entries = self.entries(CertificateEntry, newest_first=True)
         newer = {entry.supersedes: entry.number for entry in reversed(entries)}
         for entry in entries:
@@ -611,7 +613,7 @@ class Registry(RunRecords):
     # -- reviews, amendments --------------------------------------------------------------------
 
     def review(self, subject: Subject, subject_id: int, *, checked_by: str, **options: Any) -> None:
-        """Enter the review of a record; the options and errors are those of `prepare_review`."""
+        """Register the review of a record; `prepare_review` describes options and errors."""
         with self.writing():
             self.add(self.prepare_review(subject, subject_id, checked_by=checked_by, **options))
 
@@ -625,7 +627,7 @@ class Registry(RunRecords):
         remark: str = "",
         signature: Signature | None = None,
     ) -> Review:
-        """Return the review of a record without entering it.
+        """Return the review of a record without registering it.
 
         Parameters
         ----------
@@ -636,7 +638,7 @@ class Registry(RunRecords):
         accepted : bool
         remark : str
         signature : Signature, optional
-            How the review came about; by default that of `present_signature`.
+            How the reviewer was authenticated; by default `present_signature`.
 
         Raises
         ------
@@ -661,8 +663,8 @@ class Registry(RunRecords):
                     subject_id,
                     checked_by.strip() or "nobody",
                 ),
-                Message("somebody else than {doers}", " and ".join(doers)) if doers else "a name",
-                "have a second person look over it",
+                Message("a person other than {doers}", " and ".join(doers)) if doers else "a name",
+                "have a second person review it",
             )
         covers: dict[str, str] = {subject: _sha256(content)}
         if subject == "calibrations":
@@ -678,9 +680,9 @@ class Registry(RunRecords):
         )
 
     def covered(self, calibration_id: int) -> dict[str, str]:
-        """Return the hashes of what a signature under a calibration is about, by name.
+        """Return the hashes, by name, of the records that a signature under a calibration covers.
 
-        The calibration as entered, each of its models, and the latest verification of each.
+        These are the calibration as entered, its models, and the latest verification of each model.
         """
         found = {"calibration": _sha256(self._content("calibrations", calibration_id))}
         for model in self.entries(ModelEntry, calibration_id=calibration_id):
@@ -705,7 +707,7 @@ class Registry(RunRecords):
         reason: str,
         signature: Signature | None = None,
     ) -> None:
-        """Enter an amendment of a record. The record itself stays as it was.
+        """Register an amendment of a record; the record itself stays unchanged.
 
         Parameters
         ----------
@@ -716,7 +718,7 @@ class Registry(RunRecords):
         amended_by, reason : str
             Person and reason.
         signature : Signature, optional
-            How the amendment came about; by default that of `present_signature`.
+            How the person was authenticated; by default `present_signature`.
 
         Raises
         ------
@@ -736,7 +738,7 @@ class Registry(RunRecords):
                         subject_id,
                         what,
                     ),
-                    "what it should have said, who says so, and why",
+                    "the correct values, the name of the person who amends, and the reason",
                 )
         signature = signature or present_signature()
         Accounts.of(self.root).refuse_typed(amended_by, signature)
@@ -757,7 +759,7 @@ class Registry(RunRecords):
         return self.entries(Amendment, subject=subject, subject_id=subject_id)
 
     def _content(self, subject: Subject, subject_id: int) -> dict[str, Any]:
-        """Return the columns of the record that a review or an amendment is about."""
+        """Return the columns of the record that is reviewed or amended."""
         if subject not in get_args(Subject):
             raise RecordError(
                 Message("a record of kind {subject}", subject), ", ".join(get_args(Subject))
@@ -774,5 +776,5 @@ class Registry(RunRecords):
 
 
 def _sha256(content: Mapping[str, Any]) -> str:
-    """Return the hash of a row's content, which is that of its link in the chain."""
+    """Return the hash of a row's content, as in its link of the chain."""
     return hashlib.sha256(canonical(content).encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""The registry's runs: one entry at the start, one at the end, and their states."""
+"""Runs in the registry: their entries at start and end, and queries of their states."""
 
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 __all__ = ["DISCARDED", "INTERRUPTED", "RunRecords"]
 
 REBUILT = "registry"
-"""Subject of the entries about runs that were entered again from their folders."""
+"""Subject of amendments that list runs that were registered again from their folders."""
 DISCARDED = "discarded"
-"""Amendment of a run's end if somebody discards the run."""
+"""Status to which a run's end is amended when a person discards the run."""
 INTERRUPTED = ("interrupted", "aborted", "failed")
 CHUNK = 500
 _FOLLOWS: Mapping[str, Any] = {
@@ -41,12 +41,12 @@ _FOLLOWS: Mapping[str, Any] = {
     "check-": CheckEntry.run_key,
     "verify-": VerificationEntry.run_key,
 }
-"""Key by which results of a kind of run refer to it."""
+"""Foreign key by which the results of a kind of run refer to the run."""
 _STATUS: Any = RunSummary.status
 
 
 class RunRecords(Database):
-    """Runs, how they ended, and their states; see `records.unfinished`."""
+    """Registry of runs, their ends and their states; see `unfinished_runs`."""
 
     def add_run(self, run: RunSummary) -> None:
         """Register a run when it starts.
@@ -74,19 +74,19 @@ class RunRecords(Database):
                 )
 
     def finish_run(self, folder: "RunFolder", finished: datetime | None = None) -> None:
-        """Enter how a sealed run ended, and the hash of its manifest.
+        """Register how a sealed run ended, and the hash of its manifest.
 
         Parameters
         ----------
         folder : RunFolder
             The sealed run.
         finished : datetime.datetime, optional
-            When it ended, with time zone; by default when it was sealed.
+            When it ended, with time zone; by default the time of sealing.
 
         Raises
         ------
         RecordError
-            Where the run isn't registered, isn't sealed, or its end is entered already.
+            Where the run isn't registered or not sealed, or its end is registered already.
         """
         from torquebench.records.runs.folder import MANIFEST  # not imported for lists of runs
 
@@ -95,7 +95,7 @@ class RunRecords(Database):
             run = self.run(folder.run_id)
             if run.finished is not None:
                 raise RecordError(
-                    Message("the end of run {run_id} is registered", folder.run_id),
+                    Message("the end of run {run_id} is already registered", folder.run_id),
                     "one end",
                     "records are never overwritten",
                 )
@@ -134,15 +134,15 @@ class RunRecords(Database):
         Parameters
         ----------
         limit : int or None
-            How many; all by None.
+            How many runs; None for all.
         offset : int
-            How many of the newest to pass over.
+            How many of the newest runs to skip.
         kind : str, optional
             Only runs of this kind.
         *conditions
-            In terms of `RunSummary`.
+            SQLAlchemy conditions on the attributes of `RunSummary`.
         problems : list of str, optional
-            Receives the entries that can't be read; see `entries`.
+            Receives a message for each entry that can't be read; see `entries`.
         """
         return self.entries(
             RunSummary,
@@ -156,7 +156,7 @@ class RunRecords(Database):
         )
 
     def number_of_runs(self, *conditions: ColumnElement[bool]) -> int:
-        """Return how many runs are registered, all or on conditions."""
+        """Return the number of registered runs that meet the conditions."""
         with self.session() as session:
             query = select(func.count()).select_from(RunSummary).where(*conditions)
             return session.scalar(query) or 0
@@ -170,26 +170,26 @@ class RunRecords(Database):
     # -- audit log, rebuilt registries ----------------------------------------------------------
 
     def add_audit_end(self, log: Path, line: int, sha256: str) -> None:
-        """Note where an audit log ends now.
+        """Register the present end of an audit log.
 
         Parameters
         ----------
         log : pathlib.Path
-            Its folder.
+            Folder of the audit log.
         line, sha256 : int, str
             Number and hash of its last line.
         """
         self.add(AuditEnd(log=self.stored(log), line=line, sha256=sha256))
 
     def audit_ends(self, log: Path) -> list[tuple[int, str]]:
-        """Return number and hash of the last lines that were noted of an audit log."""
+        """Return the registered ends of an audit log: number and hash of the last line then."""
         ends = self.entries(AuditEnd, log=self.stored(log))
         return [(end.line, end.sha256) for end in ends]
 
     def note_rebuilt(self, run_ids: list[str], *, by: str, anew: bool) -> None:
-        """Enter that runs were entered again from their folders, by whom and when.
+        """Register which runs were registered again from their folders, by whom and when.
 
-        The end of a chain that such a folder notes may be that of a registry that is lost.
+        Such a folder may state the end of a lost registry's chain.
         """
         reason = "rebuilt from run folders" if anew else "completed from run folders"
         self.add(Amendment(REBUILT, 0, datetime.now(UTC), by, reason, {"runs": run_ids}))
@@ -204,7 +204,7 @@ class RunRecords(Database):
     # -- states ---------------------------------------------------------------------------------
 
     def entered_runs(self, run_ids: Iterable[str]) -> dict[str, bool]:
-        """Return which of some runs are registered, and whether their ends are."""
+        """Return the registered ones of these runs, and whether their ends are registered."""
         wanted, entered = list(run_ids), {}
         with self.session() as session:
             for start in range(0, len(wanted), CHUNK):
@@ -217,11 +217,11 @@ class RunRecords(Database):
         return entered
 
     def unfinished_runs(self) -> list[RunSummary]:
-        """Return runs whose end isn't registered, the oldest first: they run, or were killed."""
+        """Return runs without a registered end, oldest first; they are running or were killed."""
         return self.entries(RunSummary, ~exists().where(RunEnd.run_key == RunSummary.number))
 
     def passes_through(self, head: ChainHead) -> bool:
-        """Return whether a noted end of a chain is a link of this registry's."""
+        """Return whether a noted chain end is a link of this registry's chain."""
         query = select(links.c.sha256).where(links.c.sequence == head.sequence)
         with self.session() as session:
             return session.scalar(query) == head.sha256
@@ -237,13 +237,13 @@ class RunRecords(Database):
         return self._not_discarded(without, _STATUS == "completed")
 
     def calibration_of_run(self, run_id: str) -> int | None:
-        """Return the number of the calibration that a run measured; None where it has none."""
+        """Return the number of the calibration that a run measured; None without one."""
         for calibration in self.entries(CalibrationEntry, run_id=run_id, limit=1):
             return calibration.calibration_id
         return None
 
     def interrupted_calibrations(self, since: datetime) -> list[RunSummary]:
-        """Return calibrations that were begun after a moment and not completed, oldest first."""
+        """Return calibration runs after a certain time that weren't completed, the oldest first."""
         return self._not_discarded(
             RunSummary.kind.startswith("calibrate-"),
             _STATUS.in_(INTERRUPTED),
@@ -272,7 +272,7 @@ class RunRecords(Database):
         Raises
         ------
         InputError
-            Nobody or no reason is named, or something of it is registered already.
+            No person or no reason is named, or a result of the run is registered.
         RecordError
             The run isn't registered, or hasn't ended.
         """
@@ -294,7 +294,7 @@ class RunRecords(Database):
                 if run.kind.startswith(kind) and session.scalar(result):
                     raise InputError(
                         Message("run {run_id} has a registered result", run_id),
-                        "a run without one",
+                        "a run without a registered result",
                         "review the result with `torquebench records review --reject`",
                     )
             now, changes = datetime.now(UTC), {"status": DISCARDED}
@@ -305,7 +305,7 @@ class RunRecords(Database):
 
 
 def _discarded_ends() -> Any:
-    """Return the query of ends that were amended to `DISCARDED`."""
+    """Return the query for the run ends that were amended to `DISCARDED`."""
     return select(Amendment.subject_id).where(
         Amendment.subject == "run_ends",
         Amendment.__table__.c.changes["status"].as_string() == DISCARDED,

@@ -1,8 +1,8 @@
-"""Lines of an unsealed run, each with its number and a checksum.
+"""Document lines of an unsealed run; every line has a number and a checksum.
 
-A line is found by its own beginning and end, not by line feeds, so that damage costs only the
-damaged lines. The checksum includes the run's identifier, so that a block of another run's file, as
-a broken file system may leave it, isn't accepted.
+A line is recognised by its beginning and end, not by line feeds, so that damage affects only the
+damaged lines. The checksum includes the run's identifier, so that lines of another run, as a broken
+file system may leave them, aren't accepted.
 """
 
 import hashlib
@@ -20,19 +20,19 @@ _BEGIN = re.compile(rb'\{"line": [0-9]+, "name": ')
 _END = re.compile(rb', "sha256": "([0-9a-f]{64})"\}')
 _TAIL = len(', "sha256": ""}') + 64
 _TRIED = 16
-"""Most beginnings that are tried for one end, as a document may contain the pattern."""
+"""How many possible beginnings are tried for one end, as a document may contain the pattern."""
 
 
 @dataclass(frozen=True)
 class CheckedLine:
-    """One document whose checksum is right.
+    """A document whose checksum is correct.
 
     Parameters
     ----------
     number : int
-        From 1, without gaps, over all documents of a run.
+        Number of the document in the run, from 1, without gaps.
     name, document : str, dict
-        The written document.
+        Name and content of the document.
     text : bytes
         The original line without its line feed.
     """
@@ -45,15 +45,15 @@ class CheckedLine:
 
 @dataclass(frozen=True)
 class Damage:
-    """A part of a file in which no line can be trusted.
+    """A damaged part of a file.
 
     Parameters
     ----------
     first_line, last_line : int
-        The documents that were lost, by the numbers around them; at the end of a file by its
-        line feeds. Where none was lost, `last_line` is smaller than `first_line`.
+        The lost documents, from the numbers of the lines around the damage; at the end of the file,
+        from its line feeds. If none was lost, `last_line` is smaller than `first_line`.
     offset, bytes : int
-        Its position in the file, and its size.
+        Position of the damage in the file, and its size.
     """
 
     first_line: int
@@ -77,14 +77,14 @@ class Damage:
 
 @dataclass(frozen=True)
 class ReadLines:
-    """Result in a file of lines.
+    """Lines and damages read from a file.
 
     Parameters
     ----------
     lines : tuple of CheckedLine
-        Every line whose checksum is right, by number.
+        Every line whose checksum is correct, sorted by number.
     damages : tuple of Damage
-        Damaged parts between and after them.
+        Damaged parts between and after these lines.
     torn_bytes : int
         Size of an incomplete last line, as after a kill.
     """
@@ -95,7 +95,7 @@ class ReadLines:
 
 
 def checked_line(run_id: str, number: int, name: str, document: Any) -> bytes:
-    r"""Return a document as the line that holds it, line feed included.
+    r"""Return a document as a line with number, checksum and line feed.
 
     Examples
     --------
@@ -135,9 +135,9 @@ def read_lines(content: bytes, run_id: str) -> ReadLines:
 
 
 def with_copies(read: ReadLines, copies: Iterable[CheckedLine]) -> ReadLines:
-    """Return the lines, completed by those that a second file still has.
+    """Return the lines, and missing ones from their copies in a second file.
 
-    A damage without a missing line is left out.
+    A damage is dropped if no line is missing any more.
     """
     own = {line.number: line for line in read.lines}
     last = max((*own, *(each.last_line for each in read.damages)), default=0)
@@ -166,7 +166,7 @@ def _found(content: bytes, run_id: str) -> Iterator[tuple[int, CheckedLine]]:
 def _between(
     content: bytes, begin: int, end: int, run_id: str
 ) -> Iterator[tuple[int, CheckedLine]]:
-    """Yield the lines in a damaged part, which may lack line feeds."""
+    """Yield the valid lines in a damaged part, where line feeds may be missing."""
     for last in _END.finditer(content, begin, end):
         begins = [each.start() for each in _BEGIN.finditer(content, begin, last.start())]
         for first in reversed(begins[-_TRIED:]):

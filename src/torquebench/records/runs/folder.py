@@ -51,13 +51,12 @@ RunStatus = Literal["completed", "aborted", "failed", "interrupted"]
 _METADATA = "run.json"
 _EVENTS = "events.jsonl"
 _COPIES = "copies.jsonl"
-"""Second copy of a run's metadata, start and descriptors until the run is sealed: damage to them
-costs no point.
+"""File with copies of an unsealed run's metadata, start and descriptors, against damage.
 """
 _RUN = "run"
 """Name of the first line, a copy of the metadata."""
 _DAMAGED = ".damaged"
-"""Ending of the name of a damaged file that is kept in its original state."""
+"""Suffix of the name under which a damaged file is kept unchanged."""
 _RESULTS = "results.json"
 MANIFEST = "manifest.json"
 """The file that seals a run folder."""
@@ -77,7 +76,7 @@ def new_run_id(kind: str, started: datetime | None = None) -> str:
     Raises
     ------
     InputError
-        Where the kind can't be part of a folder's name.
+        Where the kind contains characters that a folder's name can't have.
 
     Examples
     --------
@@ -92,7 +91,7 @@ def new_run_id(kind: str, started: datetime | None = None) -> str:
 
 @dataclass(frozen=True)
 class Recovery:
-    """Recovery of a folder that wasn't sealed.
+    """Result of recovering a folder that wasn't sealed.
 
     Parameters
     ----------
@@ -101,10 +100,10 @@ class Recovery:
     raw_rows : int
         Complete raw samples that were kept.
     torn_document_bytes, torn_raw_bytes, torn_edge_bytes : int
-        Bytes of an incomplete last document, block of samples or block of edges, which were left
-        out.
+        Bytes of an incomplete last document, block of samples or block of edges, which were
+        removed.
     damages : tuple of Damage
-        Where documents were lost to damage. The damaged file is kept as ``events.jsonl.damaged``.
+        Damages by which documents were lost. The damaged file is kept as ``events.jsonl.damaged``.
     lost_at_end : int
         Number of lost documents after the last complete one.
     damaged_files : tuple of str
@@ -122,10 +121,10 @@ class Recovery:
 
 
 class RunWriter:
-    """Writes one run. It is a document callback: ``run_engine.subscribe(writer)``.
+    """Writes the folder of one run; it can be subscribed to Bluesky's run engine.
 
-    Every document is on the disk when the call returns, so an acknowledged point survives a
-    kill and a power cut. Samples may come from another thread than documents.
+    Every document is on the disk when the call returns, so that an acknowledged point survives a
+    kill and a power cut. Documents and samples may come from different threads.
 
     Parameters
     ----------
@@ -136,7 +135,7 @@ class RunWriter:
     """
 
     def __init__(self, path: Path, metadata: Mapping[str, Any]) -> None:
-        # Imported late: a list of runs doesn't need Arrow.
+        # Imported here, because a list of runs doesn't need Arrow.
         from torquebench.records.edges.stream import EdgeStream
         from torquebench.records.streams.raw_stream import RawStream
 
@@ -184,7 +183,7 @@ class RunWriter:
         return self.path.name
 
     def __call__(self, name: str, document: Mapping[str, Any]) -> None:
-        """Append one event-model document; see `document`."""
+        """Append one event-model document, as Bluesky's callback; see `document`."""
         self.document(name, document)
 
     def document(self, name: str, document: Mapping[str, Any]) -> None:
@@ -220,7 +219,7 @@ class RunWriter:
                 ) from error
 
     def samples(self, columns: Mapping[str, ArrayLike]) -> None:
-        """Append one block of raw samples, on the disk within a second.
+        """Append one block of raw samples; it is on the disk within a second.
 
         Parameters
         ----------
@@ -235,7 +234,7 @@ class RunWriter:
         self._raw.append(columns)
 
     def edges(self, blocks: Mapping[str, EdgeBlock]) -> None:
-        """Append the edges of one interval, on the disk within a second; see `EdgeStream`.
+        """Append the edges of one interval; they are on the disk within a second; see `EdgeStream`.
 
         Raises
         ------
@@ -246,12 +245,12 @@ class RunWriter:
 
     @property
     def acknowledged_rows(self) -> int:
-        """Raw samples that are on the disk, whatever happens now."""
+        """Number of raw samples that are safely on the disk."""
         return self._raw.acknowledged_rows
 
     @property
     def acknowledged_tick(self) -> int | None:
-        """Tick up to which the edges of all channels are on the disk; None before the first."""
+        """Tick before which the edges of all channels are on the disk; None before any write."""
         return self._edges.acknowledged_tick
 
     def write_results(self, results: Any) -> None:
@@ -265,7 +264,7 @@ class RunWriter:
         self.write_file(_RESULTS, json_text(with_messages(results), indent=2) + "\n")
 
     def write_file(self, name: str, content: str | bytes) -> Path:
-        """Write another file of the run, whole or not at all, and return its path.
+        """Write another file of the run, completely or not at all, and return its path.
 
         Raises
         ------
@@ -281,7 +280,8 @@ class RunWriter:
             EDGE_STREAM,
         ):
             raise InputError(
-                Message("file name {name!r} in a run folder", name), "a plain name of its own"
+                Message("file name {name!r} in a run folder", name),
+                "a plain file name that the run folder doesn't use itself",
             )
         with self._lock:
             self._require_open()
@@ -294,14 +294,14 @@ class RunWriter:
             self.write_file(name, content)
 
     def seal(self, status: RunStatus = "completed", reason: str = "") -> RunFolder:
-        """Close the run and write its manifest; afterwards nothing changes.
+        """Close the run and write its manifest, after which the folder mustn't change.
 
         Parameters
         ----------
         status : {"completed", "aborted", "failed", "interrupted"}
             How the run ended.
         reason : str
-            Why, where it didn't complete.
+            Why the run wasn't completed.
 
         Returns
         -------
@@ -312,7 +312,7 @@ class RunWriter:
         return self.folder
 
     def close(self) -> None:
-        """Close all files without sealing; more calls do nothing."""
+        """Close all files without sealing; further calls do nothing."""
         with self._lock:
             if not self._open:
                 return
@@ -333,7 +333,7 @@ class RunWriter:
         return self
 
     def __exit__(self, _kind: object, error: BaseException | None, _traceback: object) -> None:
-        """Seal the folder if needed: as completed, or as failed with the error as reason."""
+        """Seal the folder if it isn't sealed: as completed, or as failed because of the error."""
         if self.folder.sealed:
             return
         if error is None:
@@ -350,7 +350,7 @@ class RunWriter:
 
 @dataclass(frozen=True)
 class RunFolder:
-    """One run on the disk, running, killed or sealed.
+    """The folder of a run that is running, was killed, or is sealed.
 
     Parameters
     ----------
@@ -373,7 +373,7 @@ class RunFolder:
         metadata : mapping
             Metadata: operator, serials, profile and its hash, bench, simulated or not.
         kind : str
-            What the run does, such as ``"calibrate-output"``.
+            Kind of run, such as ``"calibrate-output"``.
         run_id : str, optional
             Identifier; a new one by default.
         """
@@ -387,7 +387,7 @@ class RunFolder:
         Raises
         ------
         RecordError
-            Where there is no run.
+            Where the folder contains no run.
         """
         if not (path / _METADATA).is_file():
             raise RecordError(
@@ -397,7 +397,7 @@ class RunFolder:
 
     @property
     def run_id(self) -> str:
-        """Identifier of the run, as it began: the folder's name unless it was copied or renamed."""
+        """Identifier of the run: the folder's name when the run began."""
         try:
             if not self.sealed:
                 stated = [(_read_checked_json(self.path / _METADATA) or {})["run_id"]]
@@ -410,7 +410,7 @@ class RunFolder:
 
     @property
     def copy_of(self) -> str:
-        """Identifier of the run that the folder holds under another name; empty for its own."""
+        """Identifier of the run if the folder was copied or renamed; otherwise empty."""
         return "" if self.run_id == self.path.name else self.run_id
 
     @property
@@ -422,12 +422,12 @@ class RunFolder:
     def metadata(self) -> dict[str, Any]:
         """Metadata at the start.
 
-        Of a run that isn't sealed, by its checksum; where that is wrong, from its copy.
+        In a run that isn't sealed, the checksum is compared; if it is wrong, the copy is read.
 
         Raises
         ------
         RecordError
-            Where it can't be read, and neither can its copy.
+            Where neither the file nor its copy can be read.
         """
         path = self.path / _METADATA
         if self.sealed:
@@ -449,7 +449,7 @@ class RunFolder:
 
     @property
     def recovery(self) -> Recovery | None:
-        """Result when the run was recovered; None where it was sealed by its writer."""
+        """Result of the run's recovery; None if its writer sealed it."""
         path = self.path / _RECOVERY
         if not path.exists():
             return None
@@ -461,7 +461,7 @@ class RunFolder:
 
     @property
     def damages(self) -> tuple[Damage, ...]:
-        """Where documents were lost to damage before the run was sealed."""
+        """Damages by which documents were lost before the run was sealed."""
         if not self.sealed:
             return self._read_lines().damages
         found = self.recovery
@@ -481,7 +481,7 @@ class RunFolder:
 
     @property
     def results(self) -> Any:
-        """Results of the run; None if it has none."""
+        """Results of the run; None without results."""
         path = self.path / _RESULTS
         try:
             return revived(read_json(path)) if path.exists() else None
@@ -493,8 +493,9 @@ class RunFolder:
     def documents(self, name: str | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yield the run's documents with their names.
 
-        Of a run that isn't sealed, every document whose checksum is right; `damages` lists those
-        left out. Those of a sealed run are guarded by its manifest; see `verify`.
+        From a run that isn't sealed, every document with a correct checksum is read; `damages`
+        lists the missing ones. The documents of a sealed run are protected by its manifest; see
+        `verify`.
 
         Parameters
         ----------
@@ -511,7 +512,7 @@ class RunFolder:
                 yield found, document
 
     def points(self) -> Iterator[dict[str, Any]]:
-        """Yield the documents of the acknowledged points, without zeros and other streams."""
+        """Yield the event documents of the acknowledged points, without zeros and other streams."""
         streams = set()
         for name, document in self.documents():
             if name == "descriptor" and document.get("name") == "points":
@@ -539,20 +540,20 @@ class RunFolder:
 
     def _read_lines(self) -> ReadLines:
         """Return the lines of an unsealed run, including the copies."""
-        damaged = self.path / (_EVENTS + _DAMAGED)  # of an interrupted recovery
+        damaged = self.path / (_EVENTS + _DAMAGED)  # exists after an interrupted recovery
         own = read_lines(
             _content(damaged if damaged.exists() else self.path / _EVENTS), self.run_id
         )
         return with_copies(own, read_lines(_content(self.path / _COPIES), self.run_id).lines)
 
     def raw(self) -> RawReading:
-        """Return the raw samples; an incomplete last block is left out and reported."""
+        """Read the raw samples; an incomplete last block is skipped and reported."""
         from torquebench.records.streams.raw_stream import read_raw
 
         return read_raw(self.path)
 
     def edges(self) -> Iterator[RecordedEdges]:
-        """Yield the recorded edges, block by block; an incomplete end is left out."""
+        """Yield the recorded edges, block by block; an incomplete end is skipped."""
         from torquebench.records.edges.archive import read_edges
 
         return read_edges(self.path)
@@ -595,10 +596,10 @@ class RunFolder:
     def recover(self) -> Recovery:
         """Seal a folder after a kill or a power cut.
 
-        It is sealed as interrupted, or as completed where its results are there: they are written
-        when everything is measured. Documents with their checksum and complete samples are kept. An
-        incomplete last line or block is cut off, and damaged parts are left out; ``recovery.json``
-        reports both, and a damaged file is kept unchanged under another name. Nothing is filled in.
+        It is sealed as interrupted, or as completed if it has results, because they are written
+        after the last measurement. Documents with a correct checksum and complete samples are kept.
+        An incomplete last line or block and damaged parts are removed; ``recovery.json`` reports
+        both, and a damaged file is kept unchanged under another name. Missing data aren't replaced.
 
         Returns
         -------
@@ -612,7 +613,7 @@ class RunFolder:
         from torquebench.records.edges.stream import damage_to
 
         if self.sealed:
-            raise RecordError(Message("{folder} is sealed", self.path), "a run that was left open")
+            raise RecordError(Message("{folder} is sealed", self.path), "a run that wasn't sealed")
         damaged = [*self._recover_metadata()]
         read = self._read_lines()
         documents = b"".join(line.text + b"\n" for line in read.lines)
@@ -650,7 +651,7 @@ class RunFolder:
         if (self.path / _RESULTS).exists() and not report.damages:
             _seal(self.path, "completed", "")
         else:
-            _seal(self.path, "interrupted", "the run was left open and recovered")
+            _seal(self.path, "interrupted", "the run wasn't closed and was recovered")
         return report
 
     def _recover_metadata(self) -> Iterator[str]:
@@ -680,7 +681,7 @@ def _content(path: Path) -> bytes:
 
 
 def _kept_aside(path: Path, *, move: bool = False) -> Iterator[str]:
-    """Keep a damaged file under another name, unless it is kept already."""
+    """Keep a damaged file under another name, if none was kept yet; yield its name."""
     kept = path.with_name(path.name + _DAMAGED)
     if move:
         path.replace(kept)
@@ -690,13 +691,13 @@ def _kept_aside(path: Path, *, move: bool = False) -> Iterator[str]:
 
 
 def _checked_json(content: Mapping[str, Any]) -> str:
-    """Return a file's text with a checksum of its other content."""
+    """Return content as JSON text that includes its checksum."""
     digest = hashlib.sha256(json_text(content).encode()).hexdigest()
     return json_text({**content, "sha256": digest}, indent=2) + "\n"
 
 
 def _read_checked_json(path: Path) -> dict[str, Any] | None:
-    """Return the content written by `_checked_json`; None if it has changed."""
+    """Return the content written by `_checked_json`; None if it was changed."""
     try:
         content = json.loads(path.read_bytes())
         digest = content.pop("sha256")
@@ -721,7 +722,7 @@ def _seal(folder: Path, status: RunStatus, reason: str) -> None:
         )
     seal_raw(folder)
     seal_edges(folder)
-    (folder / _COPIES).unlink(missing_ok=True)  # from here on the manifest protects everything
+    (folder / _COPIES).unlink(missing_ok=True)  # from here on the manifest protects the metadata
     files = {
         name: {"sha256": sha256_of_file(folder / name), "bytes": (folder / name).stat().st_size}
         for name in _files_of(folder)

@@ -1,7 +1,7 @@
 """The list of runs, read directly from the SQLite file without an object mapper.
 
-`Registry.runs` returns more of each run, but importing SQLAlchemy alone takes longer than reading
-the newest of 100 000 runs.
+`Registry.runs` returns more fields, but importing SQLAlchemy takes longer than reading the newest
+of 100 000 runs.
 """
 
 import os
@@ -40,7 +40,7 @@ RECENT = timedelta(days=30)
 
 
 class RunLine(NamedTuple):
-    """A run in a list; the fields are those of `RunSummary`."""
+    """A run in a list, with fields of `RunSummary`."""
 
     run_id: str
     started: datetime
@@ -50,9 +50,9 @@ class RunLine(NamedTuple):
 
 
 def maybe_unfinished(file: Path) -> bool:
-    """Return whether a run of a registry in SQLite may be unfinished.
+    """Return quickly whether a registry in SQLite may have an unfinished run.
 
-    Quick; False is certain; `records.unfinished` lists them.
+    False is certain; after True, `unfinished_runs` lists them.
     """
     runs = file.parent / "runs"
     try:
@@ -89,12 +89,12 @@ def newest_runs(file: Path, limit: int) -> list[RunLine] | None:
     file : pathlib.Path
         The registry's file.
     limit : int
-        How many at most.
+        Largest number of runs.
 
     Returns
     -------
     list of RunLine or None
-        None where the file isn't a registry of this version; `Registry.open` reports what it is.
+        None if the file isn't a registry of this version; `Registry.open` then reports the problem.
     """
     try:
         with (

@@ -9,7 +9,7 @@ from pathlib import Path
 __all__ = ["RunLock", "is_held"]
 
 LOCKED_FILE = "run.json"
-"""The locked file of a run's folder: it exists from the start and never changes."""
+"""The file in a run's folder that is locked; it exists from the start and never changes."""
 
 
 class RunLock:
@@ -18,7 +18,7 @@ class RunLock:
     Parameters
     ----------
     folder : pathlib.Path
-        Of the run.
+        Folder of the run.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -28,11 +28,11 @@ class RunLock:
 
     @property
     def held(self) -> bool:
-        """Whether this process holds the folder; another one may hold it."""
+        """Whether this process has the lock; otherwise another process has it."""
         return self._file is not None
 
     def release(self) -> None:
-        """Let go. A second call does nothing."""
+        """Release the lock. A second call does nothing."""
         if self._file is not None:
             os.close(self._file)
             self._file = None

@@ -1,4 +1,4 @@
-"""Recorded data of a run as one Parquet file: arrays, and everything else as JSON beside them."""
+"""Recorded data of a run as one Parquet file: arrays as columns, other values as JSON metadata."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ __all__ = ["RECORDING", "from_plain", "recording_content", "recording_file"]
 RECORDING = "recording.parquet"
 """Name of the file in a run's folder."""
 FORMAT = 1
-"""Raised when an older version couldn't read the file, or would misread it."""
+"""Format number; increased when an older version couldn't read the file correctly."""
 
 _HEADER = b"torquebench.recording"
 _ARRAY, _SHAPES = "array", "distributions"
-"""Keys of the only entry of a mapping in place of an array: its name, or its distributions."""
+"""Keys that mark the JSON placeholder of an array: the name of its column, or its distributions."""
 Kind = TypeVar("Kind")
 
 
 def recording_file(value: Any) -> bytes:
-    """Return a value as the content of a file; every number keeps its bits.
+    """Return a value as the content of a Parquet file, with all numbers bit for bit.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def recording_file(value: Any) -> bytes:
     Raises
     ------
     RecordError
-        Where a value has no place in the file.
+        Where a value can't be stored in the file.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -70,7 +70,8 @@ def recording_file(value: Any) -> bytes:
         column_encoding={
             "name": "PLAIN",
             "shape.list.element": "PLAIN",
-            # Bytes of equal weight side by side: a third smaller than plain.
+            # This encoding stores bytes of equal significance together, which saves a third of the
+            # size.
             "numbers.list.element": "BYTE_STREAM_SPLIT",
             "integers.list.element": "DELTA_BINARY_PACKED",
         },
@@ -79,20 +80,21 @@ def recording_file(value: Any) -> bytes:
 
 
 def recording_content(content: bytes, origin: str) -> Any:
-    """Return what `recording_file` wrote: mappings, lists, numbers, text and arrays.
+    """Read the content written by `recording_file`: mappings, lists, numbers, text and arrays.
 
-    Numbers that aren't finite are text (``"nan"``), as JSON has none; `from_plain` reads them.
+    Numbers that aren't finite are text (``"nan"``), because JSON can't express them; `from_plain`
+    converts them.
 
     Parameters
     ----------
     content : bytes
     origin : str
-        Its name in messages.
+        Name of the file in messages.
 
     Raises
     ------
     RecordError
-        Where it isn't such a file, or one of a later format.
+        Where the content isn't a recording, or has a later format.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -103,7 +105,8 @@ def recording_content(content: bytes, origin: str) -> Any:
         written, number = header["software_version"], header["format"]
     except (pa.ArrowException, KeyError, TypeError, ValueError) as error:
         raise RecordError(
-            Message("{origin} isn't a recording: {error}", origin, error), "a file as sealed"
+            Message("{origin} isn't a recording: {error}", origin, error),
+            "the file as it was sealed",
         ) from error
     if number != FORMAT:
         raise RecordError(
@@ -125,20 +128,20 @@ def recording_content(content: bytes, origin: str) -> Any:
 
 
 def from_plain(kind: type[Kind] | Any, plain: Any, origin: str) -> Kind:
-    """Return a value of a type from a part of `recording_content`.
+    """Convert a part of `recording_content` to a value of a type.
 
     Parameters
     ----------
     kind : type
-        A dataclass with type hints, or anything else that pydantic knows.
+        A dataclass with type hints, or another type that pydantic supports.
     plain : object
     origin : str
-        Its name in messages.
+        Name of the file in messages.
 
     Raises
     ------
     RecordError
-        Where it doesn't fit the type.
+        Where the content doesn't match the type.
     """
     model = create_model(
         "Recorded", __config__=ConfigDict(arbitrary_types_allowed=True), value=(kind, ...)

@@ -1,4 +1,4 @@
-"""The streams of a run for other programs: columns with units, and the run's data."""
+"""A run's streams for export: columns with units, edges, and the run's metadata."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ __all__ = [
 
 Attributes = Mapping[str, str | int | float | bool]
 Samples = Mapping[Column, NDArray[Any]]
-"""Values of shape (n,), NaN where there is no number."""
+"""Values of shape (n,) by column; NaN marks a missing number."""
 
 _KNOWN = ("run_id", "kind", "bench_name", "side", "operator", "counter_identity")
 _LATER = ("profile_name", "profile_sha256", "software_version", "created")
@@ -45,7 +45,7 @@ def sample_columns(folder: RunFolder) -> Samples:
     Raises
     ------
     InputError
-        Where the run has none.
+        Where the run has no such data.
     """
     raw = folder.raw()
     if not raw.rows:
@@ -63,7 +63,7 @@ def edge_pieces(folder: RunFolder) -> Iterator[EdgePiece]:
     Raises
     ------
     InputError
-        Where the run has none.
+        Where the run has no such data.
     """
     found = False
     for recorded in folder.edges():
@@ -78,7 +78,7 @@ def edge_pieces(folder: RunFolder) -> Iterator[EdgePiece]:
 
 
 def run_attributes(folder: RunFolder) -> dict[str, str | int | float | bool]:
-    """Return the run's metadata for a file of its streams, flat."""
+    """Return the run's metadata as a flat mapping for exported files."""
     known = folder.metadata
     found: dict[str, str | int | float | bool] = {
         key: str(known[key]) for key in _KNOWN if known.get(key)

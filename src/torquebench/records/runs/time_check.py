@@ -1,4 +1,4 @@
-"""Implausible times in the records: clocks that ran backwards, expired standards."""
+"""Find implausible times in the records: clocks that were set back, expired standards."""
 
 from collections import defaultdict
 from collections.abc import Collection, Iterator
@@ -30,13 +30,13 @@ calibrations, equipment, reports, run_ends, runs = (
 )
 
 TOLERANCE_S = 2.0
-"""Largest correction of a computer's clock by a time server, s."""
+"""Largest clock correction by a time server that is accepted, s."""
 SERVER_TOLERANCE_S = 60.0
-"""Largest difference between the clocks of benches with one registry, s."""
+"""Largest accepted difference between the clocks of benches that share a registry, s."""
 
 
 def time_remarks(registry: Database) -> Iterator[str]:
-    """Yield impossible or doubtful times of the records, each as one sentence."""
+    """Yield a message for every impossible or doubtful time in the records."""
     for _, said in _ends_before_beginnings(registry):
         yield said
     yield from _entries_before_earlier_ones(registry)
@@ -45,7 +45,7 @@ def time_remarks(registry: Database) -> Iterator[str]:
 
 
 def doubts_of_runs(registry: Database, run_ids: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """Return impossible times of some runs, by run.
+    """Return messages about impossible times of these runs, by run.
 
     Parameters
     ----------
@@ -71,9 +71,9 @@ def doubts_of_runs(registry: Database, run_ids: Collection[str]) -> dict[str, tu
 
 
 def doubts_of_calibrations(registry: Database, ids: Collection[int]) -> dict[int, tuple[str, ...]]:
-    """Return impossible or doubtful times of some calibrations.
+    """Return messages about impossible or doubtful times of these calibrations, by number.
 
-    The standard had expired, the clock ran backwards, or the run ended before it began.
+    The standard had expired, the clock was set back, or the run ended before it began.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def clock_behind(registry: Database, now: datetime | None = None) -> str:
 
 
 def expired_on(day: date, due: date | None) -> bool:
-    """Return whether something that counts up to a day, included, has expired on another.
+    """Return whether a certificate has expired on a day; it is still valid on its last day.
 
     Examples
     --------
@@ -132,16 +132,16 @@ def expired_on(day: date, due: date | None) -> bool:
 def expired_standard(
     registry: "Registry", what: str, serial: str, due: date | None, today: date | None = None
 ) -> str:
-    """Return that no certificate of a standard counts any more; empty where one does.
+    """Return a message if all certificates of a standard have expired, otherwise "".
 
     Parameters
     ----------
     registry : Registry
-        With the certificates that were entered.
+        Registry with the entered certificates.
     what, serial : str
-        Kind of the standard, in words, and its serial number.
+        Kind of standard, as shown in the message, and its serial number.
     due : datetime.date or None
-        Last day of the certificate that the bench description names.
+        Last valid day of the certificate that the bench description names.
     today : datetime.date, optional
     """
     dues = [each for each in (due, *(report.due for report in registry.reports(serial))) if each]
@@ -158,7 +158,7 @@ def expired_standard(
 
 
 def times_of_run(run: RunSummary) -> str:
-    """Return that a run ended before it began, in words; empty where it didn't."""
+    """Return a message if a run ended before it began, otherwise ""."""
     if run.finished is None or run.finished >= run.started:
         return ""
     return _end_before_beginning(run.run_id, run.started, run.finished)
@@ -177,7 +177,7 @@ def _end_before_beginning(run_id: str, started: datetime, finished: datetime) ->
 def _ends_before_beginnings(
     registry: Database, run_ids: Collection[str] | None = None
 ) -> Iterator[tuple[str, str]]:
-    """Yield runs that ended before they began, all or some, with a message."""
+    """Yield identifier and message of every run, or of those named, that ended before it began."""
     query = (
         select(runs.c.run_id, runs.c.started, run_ends.c.finished)
         .join(run_ends, run_ends.c.run_key == runs.c.id)
@@ -199,7 +199,7 @@ def _entries_before_earlier_ones(registry: Database) -> Iterator[str]:
         for sequence, table, key, text in rows:
             try:
                 recorded = datetime.fromisoformat(text)
-            except ValueError:  # the chain itself was changed
+            except ValueError:  # a changed chain, which `records verify` reports
                 continue
             if latest is not None:
                 back_s = (latest - recorded).total_seconds()
@@ -222,7 +222,7 @@ def _recorded_back(sequence: int, table: str, key: int, back_s: float) -> str:
 def _entries_back(
     registry: Database, table: str, keys: Collection[int]
 ) -> Iterator[tuple[int, str]]:
-    """Yield those of some rows that are dated before the entry before them."""
+    """Yield number and message of these rows if they are dated before the preceding entry."""
     before, tolerance_s = links.alias(), _tolerance_s(registry)
     query = (
         select(links.c.sequence, links.c.key, links.c.recorded, before.c.recorded)
@@ -234,7 +234,7 @@ def _entries_back(
         for sequence, key, recorded, earlier in session.execute(query):
             try:
                 passed = datetime.fromisoformat(recorded) - datetime.fromisoformat(earlier)
-            except ValueError:  # the chain itself was changed: `records verify` reports it
+            except ValueError:  # a changed chain, which `records verify` reports
                 continue
             if -passed.total_seconds() > tolerance_s:
                 yield key, _recorded_back(sequence, table, key, -passed.total_seconds())
@@ -243,7 +243,7 @@ def _entries_back(
 def _expired_standards(
     registry: Database, ids: Collection[int] | None = None
 ) -> Iterator[tuple[int, str]]:
-    """Yield calibrations, all or some, against a standard that had expired, with a message."""
+    """Yield number and message of calibrations made against an expired standard."""
     query = select(
         calibrations.c.id, calibrations.c.performed, equipment.c.id.label("key"), equipment.c.serial
     ).join(equipment, equipment.c.id == calibrations.c.standard_key)
@@ -278,7 +278,7 @@ def _tolerance_s(registry: Database) -> float:
 
 
 def _duration(seconds: float) -> str:
-    """Return a duration in words.
+    """Return a duration as text with a suitable unit.
 
     Examples
     --------

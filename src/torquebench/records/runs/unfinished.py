@@ -1,9 +1,9 @@
-"""The state of a run, derived from its folder and the registry, so that no measurement is lost.
+"""Find unfinished runs by their folders and the registry, so that no measurement is lost.
 
 A run is written, sealed, entered into the registry, and its result is registered (a calibration
-with its models, a check, a verification). The state isn't stored, since a stored state could be
-wrong: it is derived from folder and registry. A kill, a full disk or a failing database can
-interrupt any step, so every start checks for unfinished runs.
+with its models, a check, a verification). A kill, a full disk or a failing database can interrupt
+any step, so every start checks for unfinished runs. Their state is derived from folder and
+registry, since a stored state could be wrong.
 """
 
 import os
@@ -35,9 +35,9 @@ __all__ = [
 ]
 
 REGISTERS = "registers"
-"""Key of a run's metadata: the kind of its result, and how it is registered."""
+"""Key of a run's metadata that states the kind of result and how to register it."""
 LONGEST_H = 24.0
-"""How long an interrupted calibration can be resumed, unless its profile states it, h."""
+"""For how long an interrupted calibration can be resumed, unless its profile states a time, h."""
 RECENT = timedelta(days=30)
 MANY = 10_000
 
@@ -46,20 +46,20 @@ class RunState(Enum):
     """State of an unfinished run."""
 
     LEFT_OPEN = "left open"
-    """Its process has ended without sealing it."""
+    """Its process ended without sealing the folder."""
     SEALED = "sealed"
-    """It isn't in the registry, or its end isn't."""
+    """The folder is sealed, but the registry lacks the run or its end."""
     MEASURED = "measured"
-    """It is complete and entered; its result isn't registered."""
+    """The run is complete and registered, but its result isn't registered."""
     INTERRUPTED = "interrupted"
-    """A calibration that can be resumed; from its beginning if it has no point yet."""
+    """An interrupted calibration that can be resumed; without a point, from the beginning."""
     COPY = "copy"
-    """A folder with another name than its run: copied, or renamed. It is never entered."""
+    """A copied or renamed folder: its name isn't the run's identifier. It is never registered."""
 
 
 @dataclass(frozen=True)
 class UnfinishedRun:
-    """An unfinished run, and the possible actions.
+    """An unfinished run, with its state and remedy in words.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class UnfinishedRun:
 
     @property
     def found(self) -> str:
-        """Its state, in words."""
+        """State of the run in words."""
         match self.state:
             case RunState.LEFT_OPEN:
                 return Message("run {run_id} was left open", self.run_id)
@@ -103,12 +103,12 @@ class UnfinishedRun:
 
     @property
     def _original(self) -> Path:
-        """Where the run's own folder is, or was."""
+        """The path that the run's folder had when it was made."""
         return self.folder.with_name(RunFolder(self.folder).run_id)
 
     @property
     def remedy(self) -> str:
-        """Remedy."""
+        """How to finish or remove the run."""
         match self.state:
             case RunState.COPY if self._original.exists():
                 return Message(
@@ -121,13 +121,14 @@ class UnfinishedRun:
                 )
             case RunState.LEFT_OPEN | RunState.SEALED:
                 return Message(
-                    "`torquebench records finish {run_id}` enters it; so does any start",
+                    "`torquebench records finish {run_id}` enters it, and so does every "
+                    "start of torquebench",
                     self.run_id,
                 )
             case RunState.MEASURED:
                 return Message(
-                    "`torquebench records finish {run_id}`: nothing is measured again; "
-                    "or `records discard {run_id}`",
+                    "`torquebench records finish {run_id}` without measuring again, or "
+                    "`records discard {run_id}`",
                     self.run_id,
                 )
         return Message(
@@ -137,14 +138,14 @@ class UnfinishedRun:
 
 
 def unfinished_runs(registry: RunRecords, now: datetime | None = None) -> tuple[UnfinishedRun, ...]:
-    """Return every run that isn't finished and that no process writes, the oldest first.
+    """Return every unfinished run that no process is writing, the oldest first.
 
     Parameters
     ----------
     registry : Registry
         Registry of the data directory.
     now : datetime.datetime, optional
-        The present time: an interrupted calibration can be resumed for a limited time.
+        The present time, because an interrupted calibration can be resumed for a limited time only.
     """
     found = list(unentered_folders(registry))
     found += [
@@ -157,10 +158,10 @@ def unfinished_runs(registry: RunRecords, now: datetime | None = None) -> tuple[
 
 
 def unentered_folders(registry: RunRecords) -> Iterator[UnfinishedRun]:
-    """Yield runs of the data directory that the registry doesn't know, or not the end of.
+    """Yield runs of the data directory that the registry lacks, or whose end it lacks.
 
-    Left out are folders that a process writes, and those that another registry has made: the end
-    of its chain is noted in them.
+    Folders that a process is writing are skipped, and so are folders of another registry, which
+    they name by the end of its chain.
     """
     entered = registry.entered_runs(names := _folders(registry.root / "runs"))
     for name in names:
@@ -170,7 +171,7 @@ def unentered_folders(registry: RunRecords) -> Iterator[UnfinishedRun]:
         try:
             folder = RunFolder.open(path)
             metadata = folder.metadata
-        except RecordError:  # killed before anything was written
+        except RecordError:  # killed before the metadata were written
             continue
         if name not in entered and not folder.copy_of and not _belongs(registry, metadata):
             continue
@@ -192,7 +193,7 @@ def _belongs(registry: RunRecords, metadata: Mapping[str, Any]) -> bool:
 
 
 def _registers(run: RunSummary) -> bool:
-    """Return whether a completed run has a result to be registered."""
+    """Return whether a completed run has a result to register."""
     if run.kind.startswith("calibrate-"):
         return True
     try:
@@ -202,7 +203,7 @@ def _registers(run: RunSummary) -> bool:
 
 
 def _interrupted(registry: RunRecords, now: datetime) -> Iterator[UnfinishedRun]:
-    """Yield interrupted calibrations that can still be resumed and have no continuation."""
+    """Yield interrupted calibrations that can still be resumed and that no later run resumed."""
     candidates = registry.interrupted_calibrations(now - RECENT)
     for run in candidates:
         folder = RunFolder(run.folder)
@@ -213,9 +214,9 @@ def _interrupted(registry: RunRecords, now: datetime) -> Iterator[UnfinishedRun]
 
 
 def can_go_on(folder: RunFolder, now: datetime) -> bool:
-    """Return whether an interrupted calibration had begun, not too long ago by its profile.
+    """Return whether an interrupted calibration is recent enough to be resumed, by its profile.
 
-    A continuation without a point of its own is left out: the run before it is resumed instead.
+    A resumed run without new points can't be resumed; the run before it is resumed instead.
     """
     start, last_s = _start_and_last_point(folder)
     try:
@@ -244,7 +245,7 @@ def _start_and_last_point(folder: RunFolder) -> tuple[dict[str, Any], float | No
 def followers(registry: RunRecords, run: RunSummary) -> tuple[RunSummary, ...]:
     """Return the runs that resumed a run, the newest first.
 
-    One that was discarded doesn't count, nor one that ended before it had a point.
+    Discarded runs and runs that ended before their first point are left out.
     """
     found = []
     for other in registry.runs(limit=MANY, kind=run.kind):
@@ -258,9 +259,9 @@ def followers(registry: RunRecords, run: RunSummary) -> tuple[RunSummary, ...]:
 
 
 def latest_unfinished_calibration(registry: RunRecords) -> RunSummary | None:
-    """Return the newest unfinished calibration, also one that can't be finished any more.
+    """Return the newest unfinished calibration, even if it can't be finished any more.
 
-    None where the newest ones are registered, discarded, or were resumed by a later run.
+    None if the newest calibrations were registered, discarded, or resumed by a later run.
     """
     measured = {run.run_id for run in registry.completed_runs_without_result()}
     for run in registry.runs(limit=MANY):
@@ -283,7 +284,7 @@ def _resumed(run: RunSummary) -> list[str]:
 
 
 def _calibrated_since(registry: RunRecords, run: RunSummary) -> bool:
-    """Return whether the same module was calibrated completely after a run."""
+    """Return whether a later run calibrated the same module completely."""
     for other in registry.runs(limit=MANY, kind=run.kind):
         if other.run_id == run.run_id:
             return False

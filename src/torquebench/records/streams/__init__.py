@@ -1,1 +1,1 @@
-"""Append-only Arrow streams that survive a kill at any moment: raw samples and readings."""
+"""Append-only Arrow streams of raw samples and readings that survive a kill at any time."""

@@ -24,10 +24,10 @@ _CHECKSUM = b"sha256"
 
 
 class ArrowStream:
-    """Appended data are written together, each batch with a checksum of its values.
+    """Append-only stream that writes data in batches with checksums.
 
-    That happens at the latest with the first call after `FLUSH_INTERVAL_S` or `CAPACITY`, so a
-    kill costs less than a second. Calls may come from any thread.
+    A batch is written by the first call after `FLUSH_INTERVAL_S` or `CAPACITY`, so that a kill
+    loses less than a second of data. Calls may come from any thread.
 
     Parameters
     ----------
@@ -36,9 +36,9 @@ class ArrowStream:
     """
 
     CONTENT: str
-    """Content of the stream, in a word."""
+    """Name of the stream's content in messages."""
     CAPACITY: int
-    """Most pending data in memory."""
+    """Largest amount of pending data in memory."""
     COMPRESSION: str
 
     def __init__(self, path: Path) -> None:
@@ -65,7 +65,7 @@ class ArrowStream:
             self._flush()
 
     def close(self) -> None:
-        """Write what is in memory and end the stream; more calls do nothing."""
+        """Write the pending data and end the stream; further calls do nothing."""
         with self._lock:
             if self._closed:
                 return
@@ -83,7 +83,7 @@ class ArrowStream:
 
     @contextmanager
     def _appending(self) -> Iterator[None]:
-        """Lock the stream while data are appended, and write it when due.
+        """Lock the stream while data are appended, and write the pending data when they are due.
 
         Raises
         ------
@@ -123,15 +123,15 @@ class ArrowStream:
 
 
 class WholeBatches:
-    """The undamaged batches of an Arrow stream, one at a time.
+    """Iterates over the undamaged batches of an Arrow stream.
 
-    An incomplete end, as after a kill, is left out; `torn_bytes` then gives its size. So is a batch
-    whose checksum is wrong; `damaged` gives their number.
+    An incomplete end, as after a kill, is skipped, and `torn_bytes` gives its size. Batches with a
+    wrong checksum are skipped, and `damaged` gives their number.
 
     Parameters
     ----------
     path : pathlib.Path
-        The stream, running, killed or closed.
+        The stream of a run that is running, was killed, or is closed.
 
     Raises
     ------
@@ -179,12 +179,12 @@ def seal_stream(
     write : callable
         Writes the sealed file under a given name.
     same : callable
-        Whether the file of that name has the stream's content.
+        Returns whether the sealed file has the stream's content.
 
     Raises
     ------
     RecordError
-        Where it doesn't, or the disk is full; the stream is kept then.
+        Where the contents differ or the disk is full; the stream is then kept.
     """
     with atomic_path(sealed, private=True) as part:
         write(part)
@@ -201,7 +201,7 @@ def _is_as_written(batch: Any, metadata: Any) -> bool:
     try:
         batch.validate(full=True)
         return metadata is not None and metadata.get(_CHECKSUM) == _digest(batch).encode()
-    except (pa.ArrowException, ValueError):  # no text, or no UTF-8
+    except (pa.ArrowException, ValueError):  # text that isn't UTF-8
         return False
 
 
@@ -237,14 +237,14 @@ def _feed(digest: Any, array: Any) -> None:
 
 
 def _torn_start(path: Path) -> bool:
-    """Return whether the file begins as an Arrow stream, so that only its end may be missing.
+    """Return whether the file begins like an Arrow stream, so that only its end is missing.
 
-    A power cut leaves zeros in unwritten blocks.
+    A power cut may leave zeros in unwritten blocks.
     """
     with path.open("rb") as file:
         return b"\xff\xff\xff\xff".startswith(file.read(4).rstrip(b"\0"))
 
 
 def described_schema(schema: Any) -> str:
-    """Return the columns of a schema in words."""
+    """Return the names and types of a schema's columns as text."""
     return ", ".join(f"{field.name} ({field.type})" for field in schema)

@@ -27,7 +27,7 @@ __all__ = ["RawReading", "RawStream", "read_raw", "seal_raw"]
 class RawStream(ArrowStream):
     """Appends columns of samples, each with its unit and description.
 
-    Columns and types are those of the first call.
+    The first call fixes columns and types.
     """
 
     CONTENT, CAPACITY, COMPRESSION = "samples", 20_000, "lz4"
@@ -40,7 +40,7 @@ class RawStream(ArrowStream):
 
     @property
     def acknowledged_rows(self) -> int:
-        """Samples that are on the disk, whatever happens now."""
+        """Number of samples that are safely on the disk."""
         return self._acknowledged
 
     def append(self, columns: Mapping[str, ArrayLike]) -> None:
@@ -49,7 +49,7 @@ class RawStream(ArrowStream):
         Parameters
         ----------
         columns : mapping of str to array, shape (n,), or scalar
-            Samples by column; a scalar holds for the whole block.
+            Samples by column; a scalar applies to the whole block.
 
         Raises
         ------
@@ -105,7 +105,7 @@ def _with_units(schema: Any) -> Any:
 
 
 def _arrow(array: NDArray[Any]) -> Any:
-    """Return a column of numbers as an Arrow array; `pyarrow.array` would import pandas."""
+    """Return numbers as an Arrow array without calling `pyarrow.array`, which imports pandas."""
     if array.dtype.kind not in "biuf" or not array.dtype.isnative:
         return pa.array(np.ascontiguousarray(array))
     bits = array.dtype.kind == "b"
@@ -116,16 +116,16 @@ def _arrow(array: NDArray[Any]) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class RawReading:
-    """Raw samples as read back.
+    """Raw samples read from a run folder.
 
     Parameters
     ----------
     columns : mapping of str to array, shape (n,)
         Samples by column, in the order in which they were written.
     torn_bytes : int
-        Bytes of an incomplete last block, which are left out; 0 for a stream that was closed.
+        Size of an incomplete last block, which is skipped, in bytes; 0 for a closed stream.
     damaged : int
-        Blocks with a wrong checksum, which are left out, too.
+        Number of blocks with a wrong checksum, which are skipped, too.
     """
 
     columns: Mapping[str, NDArray[Any]]
@@ -141,7 +141,7 @@ class RawReading:
 def read_raw(folder: Path) -> RawReading:
     """Return the raw samples of a run folder, running, killed or sealed.
 
-    An incomplete last block, as after a kill, is left out and its size reported.
+    An incomplete last block, as after a kill, is skipped and its size reported.
 
     Raises
     ------
@@ -175,12 +175,12 @@ def _columns(table: Any) -> dict[str, NDArray[Any]]:
 
 
 def seal_raw(folder: Path) -> None:
-    """Turn the closed stream of a run into a Parquet file with the same rows, if there is one.
+    """Convert the closed sample stream of a run, if it has one, into a Parquet file.
 
     Raises
     ------
     RecordError
-        Where the Parquet file doesn't hold the same rows; the stream is kept then.
+        Where the Parquet file doesn't contain the same rows; the stream is then kept.
     """
     stream, sealed = folder / "raw.arrow", folder / "raw.parquet"
     if not stream.exists():

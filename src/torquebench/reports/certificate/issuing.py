@@ -91,7 +91,7 @@ def issue_certificate(
         raise RecordError("a draft", "a record that somebody authorises")
     if any(entry.number == record.number for entry in registry.certificates()):
         raise RecordError(
-            Message("certificate {number} is issued", record.number),
+            Message("certificate {number} is already issued", record.number),
             "a new number",
             "give another --number",
         )

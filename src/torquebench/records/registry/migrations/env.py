@@ -1,4 +1,4 @@
-"""Environment of Alembic: the registry passes its open connection."""
+"""Alembic's environment: runs the migrations on the connection that the registry passes."""
 
 from alembic import context
 

@@ -1,7 +1,7 @@
 """Steps of the migrations: tables, columns, and triggers that make a table append-only.
 
-A migration names tables and columns; their types are those of
-`torquebench.records.registry.entries`. A test compares the tables with those that 0.2.0 made.
+A migration names tables and columns; `torquebench.records.registry.entries` defines the types. A
+test compares the tables with those of 0.2.0.
 """
 
 from collections.abc import Mapping
@@ -41,13 +41,13 @@ def _copied(column: Column[Any]) -> Column[Any]:
 
 
 def add_columns(column: str, *tables: str) -> None:
-    """Add a column to tables; it is empty in the rows so far."""
+    """Add a column to tables; it is empty in existing rows."""
     for table in tables:
         op.add_column(table, _copied(metadata.tables[table].c[column]))
 
 
 def forbid_changes(table: str) -> None:
-    """Have the database itself refuse to change or delete a row of a table."""
+    """Create triggers by which the database refuses to change or delete a table's rows."""
     message = f"{table} is append-only: amend the record instead"
     if op.get_bind().dialect.name == "sqlite":
         for event in ("UPDATE", "DELETE"):

@@ -1,4 +1,4 @@
-"""The tables of 0.2.0, the first version whose registries are upgraded."""
+"""Tables of 0.2.0, the oldest version whose registries can be upgraded."""
 
 from torquebench.records.registry.migrations.steps import create_tables
 

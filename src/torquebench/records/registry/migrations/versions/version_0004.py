@@ -1,4 +1,4 @@
-"""Version 0.3.0: how calibrations, reviews, activations and certificates came about."""
+"""Version 0.3.0: signatures of calibrations, reviews, activations, amendments and certificates."""
 
 from torquebench.records.registry.migrations.steps import add_columns
 
@@ -9,6 +9,6 @@ down_revision = "0003"
 
 
 def upgrade() -> None:
-    """Add the signatures."""
+    """Add the column for signatures."""
     signed = ("activations", "amendments", "calibrations", "certificates", "reviews")
     add_columns("signature", *signed)
