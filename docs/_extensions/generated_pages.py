@@ -11,10 +11,11 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel, WithJsonSchema
+from pydantic import BaseModel
 from sphinx.util import logging
 
 from torquebench.cli.answers import ANSWERS, WITHOUT_ANSWER, Record, dataclass_of
+from torquebench.operations.result import ArrayOf
 
 PYTHON = {
     "torquebench": "For notebooks and scripts: import torquebench as tb",
@@ -226,10 +227,8 @@ def _shape(kind: Any) -> str:
         return f"[{about.rstrip('.')}](#{_anchor(kind)})"
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Annotated:  # numbers of any kind of sequence, by their schema
-        schemas = (each.json_schema for each in parts[1:] if isinstance(each, WithJsonSchema))
-        return next(
-            (f"list of {each['items'].get('type', 'number')}" for each in schemas), _shape(parts[0])
-        )
+        arrays = (each.kind for each in parts[1:] if isinstance(each, ArrayOf))
+        return next((f"list of {kind}" for kind in arrays), _shape(parts[0]))
     if isinstance(kind, list):
         return f"list of {_shape(kind[0])}"
     if isinstance(kind, dict):

@@ -249,4 +249,4 @@ def test_what_a_flange_takes_to_move_is_taken_off(tmp_path: Path) -> None:
     refused(
         evaluate("hysteresis", timeless, "--rated-torque", 40, "--flange-inertia", 0.25), "time"
     )
-    refused(evaluate(*arguments, "--flange-inertia", -1), "--flange-inertia")
+    refused(evaluate(*arguments, "--flange-inertia", -1), "flange_inertia_kgm2 = -1")

@@ -51,7 +51,7 @@ def test_there_are_enough_kinds_and_every_procedure_gets_some() -> None:
 
 
 def a_record(value: float) -> Any:
-    quantity = ReducerTestQuantity("backlash", "Backlash", value, 0.1, "arcmin")
+    quantity = ReducerTestQuantity("backlash", "Backlash", value, 0.1, 2.0, "arcmin")
     return SimpleNamespace(outcomes=[SimpleNamespace(name="hysteresis", quantities=[quantity])])
 
 
@@ -62,7 +62,7 @@ def test_a_result_is_wrong_where_both_uncertainties_do_not_explain_it() -> None:
 
 def a_spectrum(**amplitudes: float) -> Any:
     quantities = [
-        ReducerTestQuantity(f"{key}_clockwise", key, value, 0.1, "arcsec")
+        ReducerTestQuantity(f"{key}_clockwise", key, value, 0.1, 2.0, "arcsec")
         for key, value in amplitudes.items()
     ]
     return SimpleNamespace(

@@ -21,6 +21,7 @@ from torquebench.operations import OPERATIONS, Preview, json_schemas
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CALIBRATION = EXAMPLES / "calibration-output.csv"
 VERIFICATION = EXAMPLES / "verification-output.csv"
+LOOPS = EXAMPLES / "loops-rv-40e.csv"
 READINGS = EXAMPLES / "readings-output.csv"
 
 
@@ -147,6 +148,7 @@ def records(measured: Path, tmp_path: Path) -> Path:
         ("records", "use", "model-1", "--by", "Anna", "--reason", "a trial"),
         ("records", "add-equipment", "calibrator", "C-7"),
         ("doctor",),
+        ("evaluate", "hysteresis", LOOPS, "--reducer", "rv-40e"),
         ("evaluate", "static", CALIBRATION, "--range", "2000", "--resolution", "0.01",
          "--reference-uncertainty", "0.02 of torque"),
     ],

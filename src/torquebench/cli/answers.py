@@ -15,8 +15,6 @@ from dataclasses import dataclass, field, fields
 from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints
 
-from torquebench.campaign.reducers.evaluations import EVALUATIONS
-
 __all__ = ["ANSWERS", "WITHOUT_ANSWER", "Record", "dataclass_of"]
 
 
@@ -299,24 +297,6 @@ EVALUATED_LUBRICATION = Record(
     "Factor on the drag of the bearings by the present lubricant.",
     facts={"factor": ESTIMATED_VALUE, "record": str, **_FILES},
 )
-EVALUATED_QUANTITY = Record(
-    "One quantity with U (95.45 % coverage).",
-    "torquebench.reducers:ResultQuantity",
-    "key title rule value=estimate.value unit=estimate.unit "
-    "expanded_uncertainty=estimate.expanded_uncertainty coverage_factor=estimate.coverage_factor",
-    sometimes={"limit": str, "verdict": str},
-)
-EVALUATED_REDUCER = Record(
-    "A reducer test from a table.",
-    facts={
-        "test": str,
-        "data": str,
-        "columns": [Any],
-        "quantities": [EVALUATED_QUANTITY],
-        "findings": ["torquebench.reducers:Finding"],
-    },
-    sometimes=_FILES,
-)
 ANSWERS: dict[str, tuple[Record, ...]] = {
     "demo": (DEMO,),
     "fit": (FITTED,),
@@ -349,7 +329,6 @@ ANSWERS: dict[str, tuple[Record, ...]] = {
     "evaluate static": (EVALUATED_STATIC,),
     "evaluate dynamics": (EVALUATED_DYNAMICS,),
     "evaluate lubrication": (EVALUATED_LUBRICATION,),
-    **{f"evaluate {name}": (EVALUATED_REDUCER,) for name in EVALUATIONS},
 }
 """The records of which a command prints one, by its name."""
 

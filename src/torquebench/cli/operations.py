@@ -26,7 +26,14 @@ from torquebench.cli.options import (
 )
 from torquebench.cli.output_options import JsonOption, QuietOption
 from torquebench.cli.reports import ReportOption, check_reports, write_reports
-from torquebench.cli.terminal.console import answer, begin_output, note, stderr_console, warn
+from torquebench.cli.terminal.console import (
+    answer,
+    begin_output,
+    note,
+    print_file,
+    stderr_console,
+    warn,
+)
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.operations import Operation, Parameter, parameters
@@ -141,6 +148,8 @@ def _option(asked: Parameter) -> inspect.Parameter:
     elif asked.limits or unit:
         words = f"{words.removesuffix('.')} ({f'{asked.limits} {unit}'.strip()})."
     several = asked.several or asked.kind in ("record", "values")
+    if asked.pair:
+        kind, metavar = tuple[kind, kind], f"{metavar} {metavar}"
     default: Any = asked.default
     if asked.kind in ("record", "values"):
         default = None
@@ -242,9 +251,26 @@ def _run(
     else:
         with _records_place(operation, data, by or "") as place:
             tell_doubts(_doubts(operation, place, request))
-            with _working() as progress:
-                result = operation.run(place, request, progress)
+            try:
+                with _working() as progress:
+                    result = operation.run(place, request, progress)
+            except InputError as problem:
+                tell_doubts(place.remarks)
+                raise _explained(problem, report) from None
     present(result, report)
+
+
+def _explained(problem: InputError, reports: list[Path] | None) -> InputError:
+    """Write the page that shows the reason of an error, or say how to get it."""
+    from torquebench.operations.result import ExplainedError
+
+    if not isinstance(problem, ExplainedError):
+        return problem
+    if reports:
+        write_reports(problem.page(), reports)
+        return problem
+    remedy = Message("{remedy}; --report draws the reason", problem.remedy)
+    return InputError(problem.found, problem.allowed, remedy)
 
 
 def _description(
@@ -414,6 +440,8 @@ def present(result: Result, reports: Iterable[Path] | None = None) -> None:
     for remark in result.remarks:
         warn(remark)
     answer(**result.plain())
+    for file in result.files:
+        print_file("File", file)
     if reports:
         import dataclasses
 

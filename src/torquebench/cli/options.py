@@ -48,7 +48,6 @@ __all__ = [
     "WithoutOption",
     "YesOption",
     "bench_description",
-    "check_kept",
     "check_output",
     "check_output_folder",
     "data_directory",
@@ -391,20 +390,6 @@ def check_output(path: Path, *inputs: Path, endings: Sequence[str] = ()) -> Path
     if path.is_file() or not path.exists():
         claim_file(path)
     return path
-
-
-def check_kept(path: Path) -> None:
-    """Refuse a table that can't be read twice, where the result keeps it or its hash.
-
-    Raises
-    ------
-    InputError
-        Where it is standard input or a pipe.
-    """
-    if str(path) == "-" or (path.exists() and not path.is_file()):
-        raise InputError(
-            "a table from standard input or a pipe", "a file: it is kept", "save it as a file first"
-        )
 
 
 def check_output_folder(path: Path) -> Path:

@@ -42,5 +42,7 @@ from .result import (
     Integers as Integers,
     Numbers as Numbers,
     Result as Result,
+)
+from .schemas import (
     json_schemas as json_schemas,
 )

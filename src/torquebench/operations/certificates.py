@@ -121,7 +121,6 @@ class IssuedCertificate(Result):
     number: str
     calibration_id: int
     folder: str
-    files: Sequence[str]
     languages: Sequence[str]
     acts: Sequence[str]
     deviations: Sequence[str]
@@ -296,7 +295,7 @@ def run_certificate(
         number=record.number,
         calibration_id=calibration.calibration_id,
         folder=str(request.out or registry.stored(archive_folder(registry, record.number))),
-        files=[path.name for path in issued.files],
+        files=tuple(path.name for path in issued.files),
         languages=record.languages,
         acts=[
             Message("{role} by {name}: {how}", act.role, act.name, how(act.signature))

@@ -301,8 +301,8 @@ class Parameter:
         A record is a model with fields of its own, values are names with values.
     default : object
         None where there is none.
-    required, several, optional : bool
-        `several`: any number of values; `optional`: null is allowed.
+    required, several, pair, optional : bool
+        `several`: any number of values; `pair`: two; `optional`: null is allowed.
     choices : tuple of str
     low, high : float or None
         Limits of a number; `above`: the lower one isn't allowed itself.
@@ -322,6 +322,7 @@ class Parameter:
     default: Any
     required: bool
     several: bool = False
+    pair: bool = False
     optional: bool = False
     choices: tuple[str, ...] = ()
     low: float | None = None
@@ -372,8 +373,9 @@ def parameters(model: type[BaseModel]) -> tuple[Parameter, ...]:
 def _parameter(name: str, info: FieldInfo) -> Parameter:
     kind, details, optional = _reduced(info.annotation)
     details = [*info.metadata, *details]
-    several = get_origin(kind) in (tuple, list)
-    if several:
+    pair = get_origin(kind) is tuple and get_args(kind)[-1] is not Ellipsis
+    several = get_origin(kind) in (tuple, list) and not pair
+    if several or pair:
         kind, inside, _ = _reduced(get_args(kind)[0])
         details += inside
     extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
@@ -391,6 +393,7 @@ def _parameter(name: str, info: FieldInfo) -> Parameter:
         default=default,
         required=info.is_required(),
         several=several,
+        pair=pair,
         optional=optional,
         choices=choices,
         low=_bound(low),

@@ -108,6 +108,8 @@ class Place:
         RunningPoint whether a paused run goes on; see `Station.run`.
     compute : callable
         Calls a long computation, perhaps in another process: with its arguments and `progress`.
+    remarks : list of str
+        What was noticed so far; also stated where the operation then fails.
     finishing : threading.Event
         Set when a person wants it to end with its result.
     cancelled : callable
@@ -122,6 +124,7 @@ class Place:
     station: Station = None  # type: ignore[assignment]  # only operations on the bench use it
     on_pause: OnPause | None = None
     compute: Callable[..., Any] = compute_here
+    remarks: list[str] = field(default_factory=list)
     finishing: Event = field(default_factory=Event)
     cancelled: Callable[[], bool] = lambda: False
     may: Callable[[Role], bool] = lambda _role: True

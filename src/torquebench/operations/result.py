@@ -2,28 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, TypeAlias
 
-from pydantic import TypeAdapter, WithJsonSchema
-from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
-from pydantic_core import core_schema
-
+from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.reports.page import Facts, Page, Section
 from torquebench.units import title_of_name, unit_of_name
 
-__all__ = ["HIDDEN", "Decision", "Integers", "Numbers", "Result", "json_schemas"]
+__all__ = ["HIDDEN", "ArrayOf", "Decision", "ExplainedError", "Integers", "Numbers", "Result"]
 
 HIDDEN = {"hidden": True}
 """Metadata of a field of a result that JSON doesn't have."""
 
-_NUMBER = {"anyOf": [{"type": "number"}, {"type": "null"}]}
-Numbers: TypeAlias = Annotated[Any, WithJsonSchema({"type": "array", "items": _NUMBER})]
+
+@dataclass(frozen=True)
+class ArrayOf:
+    """Mark of a field that JSON holds as an array of numbers, whatever kind of sequence it is."""
+
+    kind: str
+
+    def __get_pydantic_json_schema__(self, _schema: Any, _handler: Any) -> dict[str, Any]:
+        items: dict[str, Any] = {"type": self.kind}
+        if self.kind == "number":
+            items = {"anyOf": [items, {"type": "null"}]}
+        return {"type": "array", "items": items}
+
+
+Numbers: TypeAlias = Annotated[Any, ArrayOf("number")]
 """An array or a sequence of numbers; null where there is none."""
-Integers: TypeAlias = Annotated[
-    Any, WithJsonSchema({"type": "array", "items": {"type": "integer"}})
-]
+Integers: TypeAlias = Annotated[Any, ArrayOf("integer")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +51,8 @@ class Result:
         Runs that it has recorded or rests on.
     remarks : tuple of str
         Warnings: what else the reader has to know.
+    files : tuple of str
+        Files that were written where the request names them.
     """
 
     headline: str
@@ -49,6 +60,7 @@ class Result:
     simulated: bool = False
     run_ids: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
 
     def plain(self) -> dict[str, Any]:
         """Return it as JSON holds it: all fields that aren't hidden."""
@@ -85,6 +97,14 @@ class Decision(Result):
     signature: str
 
 
+class ExplainedError(InputError):
+    """An unusable input of which a page shows the reason; `page` returns it."""
+
+    def __init__(self, found: str, allowed: str, remedy: str, page: Callable[[], Page]) -> None:
+        super().__init__(found, allowed, remedy)
+        self.page = page
+
+
 def _stated(value: Any, unit: str) -> str:
     if value is None or value == "":
         return ""
@@ -95,27 +115,3 @@ def _stated(value: Any, unit: str) -> str:
     if isinstance(value, list | tuple):
         return Message.joined(_stated(each, unit) for each in value)
     return value if isinstance(value, str) else str(value)
-
-
-class _NullWithoutNumber(GenerateJsonSchema):
-    """JSON has null in place of a number that isn't finite."""
-
-    def float_schema(self, schema: core_schema.FloatSchema) -> JsonSchemaValue:
-        """Return the schema of a number or null."""
-        return {"anyOf": [super().float_schema(schema), {"type": "null"}]}
-
-
-def json_schemas(types: list[Any]) -> tuple[dict[Any, dict[str, str]], dict[str, Any]]:
-    """Return a reference to the schema of each type of result, and all schemas by name."""
-    _, schemas = TypeAdapter.json_schemas(
-        [(each, "validation", TypeAdapter(each)) for each in types],
-        ref_template="#/components/schemas/{model}",
-        schema_generator=_NullWithoutNumber,
-    )
-    for each in types:
-        schema = schemas["$defs"][each.__name__]
-        for hidden in (part.name for part in fields(each) if part.metadata.get("hidden")):
-            del schema["properties"][hidden]
-            schema["required"] = [name for name in schema.get("required", ()) if name != hidden]
-    references = {each: {"$ref": f"#/components/schemas/{each.__name__}"} for each in types}
-    return references, schemas["$defs"]

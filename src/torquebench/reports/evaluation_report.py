@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from torquebench.calibration import (
     SideBySide,
     StaticEvaluation,
 )
-from torquebench.campaign.reducers.quantities import result_quantities
+from torquebench.campaign.reducers.quantities import ReducerTestQuantity
 from torquebench.figures import (
     COLOURS,
     Curve,
@@ -29,11 +29,10 @@ from torquebench.figures import (
 from torquebench.reducers import (
     FrictionResult,
     LoopFeatures,
-    QuantityVerdict,
     ReducerDescription,
     ReducerResult,
 )
-from torquebench.reports.page import Facts, Figure, Page, Section, Table
+from torquebench.reports.page import Drawings, Facts, Figure, Page, Section, Table
 from torquebench.reports.reducers.report import judged_table, tables_of
 from torquebench.units import ARCMIN
 
@@ -59,9 +58,9 @@ def evaluation_page(
     test: str,
     source: str,
     result: ReducerResult | FrictionResult,
-    judged: Sequence[QuantityVerdict],
+    quantities: Sequence[ReducerTestQuantity],
     reducer: ReducerDescription | None,
-    figures: Sequence[tuple[str, str]],
+    figures: Callable[[], Sequence[tuple[str, str]]],
 ) -> Page:
     """Return the report of a reducer test that was recorded elsewhere.
 
@@ -72,25 +71,23 @@ def evaluation_page(
     source : str
         Name of the table.
     result : ReducerResult or FrictionResult
-    judged : sequence of QuantityVerdict
-        Quantities with a limit in the data sheet.
+    quantities : sequence of ReducerTestQuantity
     reducer : ReducerDescription or None
-    figures : sequence of (str, str)
-        Of the result: an ``<svg>`` element and its caption each.
+    figures : callable
+        Draws the result: an ``<svg>`` element and its caption each.
     """
     facts = [("Table", source)]
     if reducer is not None:
         rating = f"ratio {reducer.ratio:g}, rated {reducer.rated_torque_nm:g} N·m"
         facts.append(("Reducer", f"{reducer.name}: {rating}"))
-    facts += [(f"Finding: {each.name}", each.sentence) for each in getattr(result, "findings", ())]
-    quantities = result_quantities(result, judged)
-    drawn = (Figure(*each) for each in figures)
+    findings = [(each.name, each.sentence) for each in getattr(result, "findings", ())]
     return Page(
         title=f"Evaluation: {test}",
         subtitle=source,
         sections=[
             Section("Summary", "", (Facts(facts), *judged_table(quantities))),
-            Section("Result", "", (*drawn, *tables_of(result, quantities))),
+            *[Section("Findings", "", (Facts(findings),))] * bool(findings),
+            Section("Result", "", (Drawings(figures), *tables_of(result, quantities))),
         ],
     )
 

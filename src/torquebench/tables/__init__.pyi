@@ -14,6 +14,7 @@ from .dcc import (
     read_dcc as read_dcc,
 )
 from .formats import (
+    check_kept as check_kept,
     check_read as check_read,
     check_written as check_written,
     endings as endings,

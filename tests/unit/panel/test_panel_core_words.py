@@ -142,6 +142,7 @@ def operation_texts() -> set[str]:
     return {
         text
         for operation in OPERATIONS.values()
+        if operation.served
         for texts in (
             *operation.paragraphs,
             *(tuple(described(each)) for each in parameters(operation.request) if not each.local),

@@ -8,10 +8,10 @@ import pytest
 from rich.console import Console
 
 from torquebench.calibration import summarise_errors
-from torquebench.campaign.reducers.evaluations import EVALUATIONS
 from torquebench.campaign.reducers.quantities import result_quantities
-from torquebench.cli.reducers.evaluating import print_by_speed
 from torquebench.cli.tables import error_blocks, friction_blocks
+from torquebench.cli.terminal.page import print_page
+from torquebench.operations.evaluating import Friction, Hysteresis
 from torquebench.procedures import FrictionSweep
 from torquebench.reducers import (
     LoopSettings,
@@ -39,8 +39,11 @@ def loops(creep_arcmin: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
 
 def test_loops_are_reported_with_their_figure(tmp_path: Path) -> None:
     result = evaluate_hysteresis(*loops(), SETTINGS)
-    shown = EVALUATIONS["hysteresis"](rated_torque=400.0)
-    page = evaluation_page("hysteresis", "loops.csv", result, (), None, shown.figures(result))
+    shown = Hysteresis(data=(Path("loops.csv"),), rated_torque_nm=400.0)
+    quantities = result_quantities(result, ())
+    page = evaluation_page(
+        "hysteresis", "loops.csv", result, quantities, None, lambda: shown.figures(result)
+    )
     text = render_page(page)
     assert text.count("<svg") == 1
     assert "torsional stiffness" in text
@@ -61,8 +64,11 @@ def test_friction_is_reported_with_its_figure() -> None:
     speed = np.array([100.0, 300.0, 500.0, 700.0, 1000.0] * 2)
     torque = 0.1 + 1e-4 * speed + 1e-3 * np.cos(np.arange(10.0) ** 2)
     result = evaluate_friction(speed, torque)
-    figures = EVALUATIONS["friction"]().figures(result)
-    page = evaluation_page("friction", "f.csv", result, (), None, figures)
+    shown = Friction(data=(Path("f.csv"),))
+    quantities = result_quantities(result, ())
+    page = evaluation_page(
+        "friction", "f.csv", result, quantities, None, lambda: shown.figures(result)
+    )
     assert render_page(page).count("<svg") == 1
 
 
@@ -126,11 +132,8 @@ def test_the_terminals_table_of_no_load_torque_fits_into_80_columns(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     result = no_load(3, (20.0, 50.0, 100.0, 300.0, 500.0, 1200.0), (1.0, -1.0))
-    stated_of = {
-        each.key: (each.estimate.value, each.estimate.expanded_uncertainty())
-        for each in result.quantities()
-    }
-    assert "no_load_+20_rpm" in print_by_speed("no-load", result, stated_of)
+    quantities = result_quantities(result, ())
+    print_page(evaluation_page("no-load", "f.csv", result, quantities, None, tuple))
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 80
     assert not any("…" in line for line in lines)

@@ -22,7 +22,7 @@ class ReducerTestQuantity:
         Name for programs, unique within its test, such as ``"backlash"``.
     title : str
         Name for people.
-    value, expanded_uncertainty : float
+    value, expanded_uncertainty, coverage_factor : float
         Estimate and its expanded uncertainty (95.45 % coverage), in `unit`.
     unit : str
         Of both, and of the limit.
@@ -38,6 +38,7 @@ class ReducerTestQuantity:
     title: str
     value: float
     expanded_uncertainty: float
+    coverage_factor: float
     unit: str
     limit: str = ""
     verdict: Verdict = Verdict.NONE
@@ -81,6 +82,7 @@ def result_quantities(
                 title=title,
                 value=estimate.value,
                 expanded_uncertainty=estimate.expanded_uncertainty(),
+                coverage_factor=estimate.coverage_factor(),
                 unit=estimate.unit,
                 limit="" if held is None else held.limit,
                 verdict=verdict,

@@ -11,10 +11,8 @@ import typer
 from rich.markup import escape
 from rich.text import Text
 
-from torquebench.campaign.reducers.evaluations import EVALUATIONS
 from torquebench.cli.evaluate.dynamics import dynamics
 from torquebench.cli.evaluate.lubrication import lubrication
-from torquebench.cli.evaluate.reducer import evaluation_command
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -22,7 +20,6 @@ from torquebench.cli.options import (
     DataOption,
     RangeOption,
     TableOptions,
-    check_kept,
     check_output,
     day_or_time,
     moment_in_utc,
@@ -211,7 +208,7 @@ def static(
     """
     from torquebench.calibration import check_steps, load_profile
     from torquebench.compensation import load_model
-    from torquebench.tables import read_calibration_table
+    from torquebench.tables import check_kept, read_calibration_table
 
     chosen = load_profile(profile or "staircase") if profile or registration.register else None
     if chosen is not None:
@@ -457,5 +454,3 @@ def _print_side(side: SideBySide) -> None:
 
 for command in (dynamics, lubrication):
     app.command()(command)
-for name, evaluation in EVALUATIONS.items():
-    app.command(name)(evaluation_command(evaluation))

@@ -37,6 +37,7 @@ __all__ = [
     "note",
     "out",
     "print_facts",
+    "print_file",
     "say",
     "say_file",
     "stderr_console",
@@ -190,10 +191,15 @@ def say(text: str) -> None:
 
 def say_file(title: str, path: object) -> None:
     """Print where a file was written, and add it to the answer's `files`."""
+    print_file(title, path)
+    answer(files=[str(path)])
+
+
+def print_file(title: str, path: object) -> None:
+    """Print where a file was written."""
     shown = "standard output" if str(path) == "-" else path
     named = f"{title}: {shown}" if title else str(shown)
     out().print(named, markup=False, soft_wrap=not title)
-    answer(files=[str(path)])
 
 
 def note(text: str) -> None:

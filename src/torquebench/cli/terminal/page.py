@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rich.cells import cell_len
 from rich.table import Table as Grid
 from rich.text import Text
 
@@ -17,6 +18,8 @@ __all__ = ["print_page", "print_verdict"]
 
 NAME_WIDTH = 30
 """Columns of the first cell of a row of numbers."""
+WORDS_WIDTH = 16
+"""Columns that a column of sentences has at least."""
 
 
 def print_page(page: Page) -> None:
@@ -53,23 +56,25 @@ def _print_facts(facts: Facts) -> None:
 
 def _print_table(table: Table) -> None:
     """Print a table; headings are broken, numbers never are."""
-    sentences, grid = table.sentences, narrow_table()
+    sentences, grid, console = table.sentences, narrow_table(), out()
+    words = [number == 0 or table.words or sentences[number] for number in range(len(sentences))]
+    widths = [
+        max(map(cell_len, [*(row[number] for row in table.rows), *heading.split()]), default=1)
+        for number, heading in enumerate(table.header)
+    ]
+    others = sum(WORDS_WIDTH if words[each] else widths[each] for each in range(1, len(widths)))
+    room = max(NAME_WIDTH, console.width - others - len(widths))
     for number, heading in enumerate(table.header):
-        words = number == 0 or table.words or sentences[number]
-        cells = [row[number] for row in table.rows]
-        widest = max((len(cell) for cell in cells), default=1)
-        longest = max((len(word) for word in heading.split()), default=1)
         grid.add_column(
             Text(heading),
-            justify="left" if words else "right",
+            justify="left" if words[number] else "right",
             overflow="fold",
-            min_width=min(widest, NAME_WIDTH) if number == 0 else 1 if words else widest,
-            max_width=None if words else max(widest, longest),
+            width=min(widths[0], room) if not number else None if words[number] else widths[number],
         )
     for place, row in enumerate(table.rows):
         style = "bold green" if place == table.emphasised else ""
         grid.add_row(*(Text(cell) for cell in row), style=style)
-    out().print(grid)
+    console.print(grid)
     if table.caption:
         out().print(Text(table.caption, style="dim"))
 

@@ -146,11 +146,17 @@ def tables_of(result: Any, quantities: Sequence[ReducerTestQuantity]) -> tuple[T
 
 def _list(quantities: Sequence[ReducerTestQuantity]) -> Table:
     rows = [
-        (each.title, *stated(each.value, each.expanded_uncertainty), each.unit, each.rule)
+        (
+            each.title,
+            *stated(each.value, each.expanded_uncertainty),
+            f"{each.coverage_factor:.2f}",
+            each.unit,
+            each.rule,
+        )
         for each in quantities
         if not (each.key.startswith("order_") and each.value < each.expanded_uncertainty)
     ]
-    header: tuple[str, ...] = ("quantity", "value", "U", "unit", "rule")
+    header: tuple[str, ...] = ("quantity", "value", "U", "k", "unit", "rule")
     cells: list[tuple[str, ...]] = list(rows)
     if not any(row[-1] for row in rows):
         header, cells = header[:-1], [row[:-1] for row in rows]

@@ -26,6 +26,7 @@ __all__ = [
     "OpenedTable",
     "TableWriter",
     "check_installed",
+    "check_kept",
     "check_read",
     "check_written",
     "chosen_part",
@@ -198,6 +199,20 @@ def check_read(path: Path) -> None:
     """
     if path.suffix and str(path) != "-" and format_of(path) is None:
         raise InputError(path.name, reads(), "choose one of these endings")
+
+
+def check_kept(path: Path) -> None:
+    """Refuse a table that can't be read twice, where the result keeps it or its hash.
+
+    Raises
+    ------
+    InputError
+        Where it is standard input or a pipe.
+    """
+    if str(path) == "-" or (path.exists() and not path.is_file()):
+        raise InputError(
+            "a table from standard input or a pipe", "a file: it is kept", "save it as a file first"
+        )
 
 
 def check_written(path: Path) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from torquebench.cli.reducers.columns import read_columns
+from torquebench.campaign.reducers.columns import read_columns
 from torquebench.errors import InputError
 
 WANTED = {"speed": "speed", "torque": "torque"}

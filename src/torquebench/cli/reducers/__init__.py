@@ -1,1 +1,0 @@
-"""Commands that test reducers and compare them."""
