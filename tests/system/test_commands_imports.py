@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from torquebench.operations import OPERATIONS
+
 HEAVY = [
     *("asammdf", "bluesky", "fastapi", "h5py", "matplotlib", "nicegui", "nptdms", "numba", "onnx"),
     *("openpyxl", "ophyd_async", "pandas", "polars", "pyarrow", "scipy", "skfem", "sklearn"),
@@ -89,7 +91,10 @@ def test_help_imports_no_library() -> None:
 
 
 def test_help_of_a_command_imports_nothing_heavy(tmp_path: Path) -> None:
-    commands = ("fit", "evaluate", "calibrate", "test", "panel", "measure", "demo", "records")
+    commands = [
+        *("fit", "evaluate", "calibrate", "test", "panel", "measure", "demo", "records"),
+        *(name for name in OPERATIONS if " " in name),
+    ]
     for command, code, heavy, _ in answers(tmp_path, HEAVY, *(f"{c} --help" for c in commands)):
         assert (code, heavy) == (0, []), command
 

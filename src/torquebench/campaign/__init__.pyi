@@ -8,6 +8,10 @@ from .calibrating import (
     FinishedCalibration as FinishedCalibration,
     measure_calibration as measure_calibration,
 )
+from .calibration_comparison import (
+    CalibrationComparison as CalibrationComparison,
+    CalibrationStep as CalibrationStep,
+)
 from .checking import (
     check_module as check_module,
     judge_check as judge_check,
@@ -16,6 +20,9 @@ from .doubts import (
     CALIBRATOR as CALIBRATOR,
     VERIFICATION_STANDARD as VERIFICATION_STANDARD,
     doubts_before as doubts_before,
+)
+from .drifting import (
+    DriftSeries as DriftSeries,
 )
 from .finishing import (
     discard_run as discard_run,

@@ -13,9 +13,8 @@ from dataclasses import field as data_field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from torquebench import reducers
+from torquebench import campaign, reducers
 from torquebench.campaign.reducers.catalogue import TESTS, TestName
-from torquebench.campaign.reducers.quantities import ReducerTestQuantity
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.operations.operation import WHOLE, Flag, Name, Number, Operation, Request, field
@@ -601,7 +600,7 @@ class EvaluatedTable(Result):
     test: str
     data: str
     columns: Sequence[Mapping[str, Any]]
-    quantities: Sequence[ReducerTestQuantity]
+    quantities: Sequence[campaign.ReducerTestQuantity]
     findings: Sequence[reducers.Finding]
     reducer: Any = data_field(metadata=HIDDEN)
     """The reducer's description, None without one."""

@@ -9,15 +9,9 @@ from datetime import date, datetime
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic import Field
 
-from torquebench.campaign.calibration_comparison import (
-    CalibrationComparison,
-    CalibrationStep,
-    compare_calibrations,
-)
-from torquebench.campaign.drifting import DriftSeries, drift_of, next_due
+from torquebench import campaign
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.operations.operation import WHOLE, Calibration, Number, Operation, Request, field
@@ -56,7 +50,7 @@ class ComparedCalibrations(Result):
     transducer_serial: str
     low_nm: float
     high_nm: float
-    steps: Sequence[CalibrationStep]
+    steps: Sequence[campaign.CalibrationStep]
     comparison: Any = dataclass_field(metadata=HIDDEN)
 
     def page(self) -> Page:
@@ -68,6 +62,8 @@ class ComparedCalibrations(Result):
 
 def run_compare(place: Place, request: CompareRequest, _progress: Progress) -> ComparedCalibrations:
     """Compare, and write the steps where a file is named."""
+    from torquebench.campaign.calibration_comparison import compare_calibrations
+
     names = (request.first, request.second)
     entries = [find_calibration(place.registry, name) for name in names]
     found = compare_calibrations(place.registry, *(each.calibration_id for each in entries))
@@ -90,7 +86,7 @@ def run_compare(place: Place, request: CompareRequest, _progress: Progress) -> C
     )
 
 
-def _write_steps(found: CalibrationComparison, path: Path) -> None:
+def _write_steps(found: campaign.CalibrationComparison, path: Path) -> None:
     from dataclasses import astuple
 
     from torquebench.atomic_write import atomic_write
@@ -173,7 +169,9 @@ class DriftResult(Result):
         return Page(title, "", sections, simulated=self.simulated)
 
 
-def _drift_blocks(series: DriftSeries) -> list[Block]:
+def _drift_blocks(series: campaign.DriftSeries) -> list[Block]:
+    import numpy as np
+
     from torquebench.figures import Curve
     from torquebench.reports.curve_figures import Panel
 
@@ -237,6 +235,8 @@ def _day(moment: datetime | None) -> str:
 
 def run_drift(place: Place, request: DriftRequest, _progress: Progress) -> DriftResult:
     """Evaluate all values of a transducer over time."""
+    from torquebench.campaign.drifting import drift_of, next_due
+
     registry, serial = place.registry, request.serial
     known = [each.serial for each in registry.equipment("transducer")]
     if serial not in known:
@@ -275,7 +275,7 @@ def run_drift(place: Place, request: DriftRequest, _progress: Progress) -> Drift
     )
 
 
-def _chart(series: DriftSeries) -> DriftChart:
+def _chart(series: campaign.DriftSeries) -> DriftChart:
     chart, trend, prediction = series.chart, series.trend, series.prediction
     return DriftChart(
         title=series.title,
