@@ -1,7 +1,7 @@
-"""Campaigns: complete tasks of a user, as steps on an open station.
+"""Campaigns: complete tasks of a user, as sequences of steps on an open station.
 
 A campaign runs plans, fits and verifies models and registers the results for command line, panel,
-API and reports. It prints nothing: progress goes to a listener.
+API and reports. It prints nothing; a listener receives its progress.
 """
 
 import lazy_loader

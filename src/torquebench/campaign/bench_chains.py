@@ -20,7 +20,7 @@ __all__ = ["bench_effects", "check_standard", "recorded_effects", "referenced", 
 
 
 def bench_effects(description: BenchDescription, data: CalibrationData) -> tuple[Effect, ...]:
-    """Return the effects of a calibration that was measured on a bench."""
+    """Return the chain's effects after a calibration on a bench."""
     temperature = data.temperature_c
     return chain_effects(
         description,
@@ -32,7 +32,7 @@ def bench_effects(description: BenchDescription, data: CalibrationData) -> tuple
 
 
 def recorded_effects(metadata: Mapping[str, Any], data: CalibrationData) -> tuple[Effect, ...]:
-    """Return the effects of a calibration as its run has recorded them.
+    """Return the chain's effects after a calibration, from the record of its run.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def recorded_effects(metadata: Mapping[str, Any], data: CalibrationData) -> tupl
 def used_chain(
     entry: ModelEntry, metadata: Mapping[str, Any], data: CalibrationData
 ) -> MeasuringChain:
-    """Return a model's chain as it is used on the bench of a run, with the bench's limits.
+    """Return a model's chain with the limits of the bench of a run.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def _recorded_standard(standard: Mapping[str, Any], data: CalibrationData) -> Re
 def referenced(
     data: CalibrationData, metadata: Mapping[str, Any], serial: str = ""
 ) -> CalibrationData:
-    """Return points of a run with their standard, as its metadata have it, for a table.
+    """Return points of a run with the standard that its metadata state, to be written as a table.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def referenced(
 
 
 def check_standard(metadata: Mapping[str, Any], data: CalibrationData) -> Reference:
-    """Return the effect of the standard that a check or a verification compares its points with.
+    """Return the standard of a check or a verification as an effect.
 
     Parameters
     ----------

@@ -50,9 +50,9 @@ __all__ = [
 
 @dataclass(frozen=True)
 class FittedCalibration:
-    """Models that were fitted to a calibration, and the name of the one to be put into use.
+    """Models fitted to a calibration, and the name of the one to be put into use.
 
-    None is put into use where that is undecided, or where its calibration contradicts itself.
+    `active` is None if the calibration contradicts itself, or if a newer calibration exists.
     """
 
     profile: Profile
@@ -71,7 +71,7 @@ class FinishedCalibration:
     fitted : tuple of FittedModel
     registered : RegisteredCalibration
     active : str or None
-        Name of the model that was put into use; None where its calibration contradicts itself.
+        Name of the model that was put into use; None if its calibration contradicts itself.
     """
 
     measured: Measured[StaircaseResult]
@@ -88,7 +88,7 @@ def measure_calibration(
     resumption: Resumption | None = None,
     **options: Unpack[RunOptions],
 ) -> Measured[StaircaseResult]:
-    """Calibrate one module against the calibrator, or continue with an interrupted calibration.
+    """Calibrate one module against the calibrator, or resume an interrupted calibration.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def measure_calibration(
     side : {"input", "output"}
     profile : Profile
     resumption : Resumption, optional
-        Where to go on; see `campaign.resuming`.
+        State of the interrupted calibration; see `campaign.resuming`.
     **options
         See `RunOptions`.
 
@@ -119,7 +119,7 @@ def measure_calibration(
 
 
 def _model_in_use(station: Station, side: Side) -> tuple[ActiveChain | None, str]:
-    """Return the model that a module has had so far, or why it can't be read; empty for neither."""
+    """Return a module's model in use, or the reason why it can't be read; without one, neither."""
     description, counter = station.description, station.drivers.counter.clock_identity
     serial, registry = description.module(side).transducer.serial, station.registry
     try:
@@ -137,9 +137,9 @@ def calibration_fit(
     choices: Sequence[ModelChoice],
     progress: Progress = NO_PROGRESS,
 ) -> partial[list[FittedModel]]:
-    """Return the fit of models to a calibration, to be called here or in another process.
+    """Return a function that fits the models to a calibration, here or in another process.
 
-    It takes `progress` and `title` as `fit_models` does.
+    The function takes `progress` and `title` like `fit_models`.
     """
     data, run_id = measured.result.data, measured.record.run_id
     return partial(
@@ -157,7 +157,7 @@ def calibration_fit(
 def _fit_as_begun(
     registry: Registry, measured: Measured[StaircaseResult], profile: Profile, progress: Progress
 ) -> FittedCalibration:
-    """Fit the models that a run was begun with; its module may have been calibrated since."""
+    """Fit the models that a run's record names; none is put into use after a newer calibration."""
     data, folder = measured.result.data, RunFolder(measured.record.folder)
     choices, active = registered_choices(measured.record.metadata)
     newest = registry.calibrations(data.transducer_serial, limit=1)

@@ -1,8 +1,9 @@
 """Two calibrations of one transducer compared: changes, and whether they are significant.
 
-Their models are compared at the same readings over the range that both calibrations cover. A change
-is significant where it exceeds the combined uncertainty, E_n = Δ/√(U_A² + U_B²) beyond ±1 (ISO/IEC
-17043, B.3). Errors that both calibrations share, such as those of one reference standard, cancel.
+The models of both are compared at the same readings over the range that both calibrations cover. A
+change is significant where it exceeds the combined uncertainty, E_n = Δ/√(U_A² + U_B²) beyond ±1
+(ISO/IEC 17043, B.3). Errors that both calibrations share, such as those of one reference standard,
+cancel.
 """
 
 from __future__ import annotations
@@ -39,20 +40,20 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 
 STEPS = 10
-"""Number of even steps in each direction of the common range."""
+"""Number of equal steps in each direction of the common range."""
 SAME_RANGE = 0.05
 """Calibrations whose largest torques differ by less than this share have the same range."""
 
 
 @dataclass(frozen=True)
 class ComparedCalibration:
-    """One of the calibrations that are compared.
+    """One of the compared calibrations.
 
     Parameters
     ----------
     entry : CalibrationEntry
     model : ModelEntry
-        In use of those fitted to it, or the latest.
+        The calibration's model in use, or its latest one.
     """
 
     entry: CalibrationEntry
@@ -60,7 +61,7 @@ class ComparedCalibration:
 
     @property
     def name(self) -> str:
-        """Name in records."""
+        """Name of the calibration in records."""
         return f"calibration-{self.entry.calibration_id}"
 
 
@@ -102,9 +103,9 @@ class CalibrationComparison:
     Parameters
     ----------
     before, after : ComparedCalibration
-        By the time at which they were performed.
+        The earlier and the later calibration.
     low_nm, high_nm : float
-        Torques that both cover.
+        Range of torques that both cover.
     steps : tuple of CalibrationStep
     remarks : tuple of str
         Differences other than torque: ranges, standards, counters, adjustments.
@@ -119,12 +120,12 @@ class CalibrationComparison:
 
     @property
     def range_nm(self) -> float:
-        """Full scale that % FS refer to."""
+        """Full scale that % FS refers to."""
         return self.after.entry.range_nm
 
     @property
     def simulated(self) -> bool:
-        """Whether any of them was simulated."""
+        """Whether one of the calibrations is simulated."""
         return self.before.entry.simulated or self.after.entry.simulated
 
     @property
@@ -138,7 +139,7 @@ class CalibrationComparison:
         return tuple(each for each in self.steps if each.significant)
 
     def verdict(self) -> str:
-        """Say in one sentence whether the chain has changed."""
+        """Return one sentence that states whether the chain has changed."""
         count, worst = len(self.significant), self.worst
         if not count:
             return Message(
@@ -278,9 +279,9 @@ def _steps(
 
 
 def _readings(reading: FloatArray, branch: int, chains: list[MeasuringChain]) -> Readings:
-    """Return long steady means, right after zeroing and calibration, at the temperature of these.
+    """Return ideal readings: long means right after zeroing and calibration, at its temperature.
 
-    Only the errors of the calibrations are left of their uncertainty.
+    Their uncertainty contains the errors of the calibrations only.
     """
     calibrated_c = [
         each.calibrated_c
@@ -318,10 +319,10 @@ def _of_standard(chains: list[MeasuringChain], torque: Torque) -> frozenset[str]
 
 
 def _side_by_side(before: Torque, after: Torque, of_standard: frozenset[str]) -> Torque:
-    """Return one reading by both calibrations, with components by what both have in common.
+    """Return readings by both calibrations as one torque, with common and separate components.
 
-    The errors of two calibrations and of two mountings are separate, but those of one standard are
-    common. Everything else belongs to the reading, which is the same.
+    The errors of the two calibrations and of the two mountings are separate. Those of the common
+    standard and those of the reading itself are shared.
     """
     found: list[Component] = []
     nothing = np.zeros(1)

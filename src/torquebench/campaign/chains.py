@@ -1,4 +1,4 @@
-"""Effects of a measuring chain as a person states them or its calibration shows them."""
+"""Effects of a measuring chain that a person states or that its calibration shows."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ def reference_effect(
     source: str,
     remark: Callable[[str], object],
 ) -> tuple[Effect, ...]:
-    """Return the effect of the standard of a table that is fitted; none if none is stated.
+    """Return the effect of the reference standard of a table, if one is stated.
 
     Parameters
     ----------
     data : CalibrationData
-        Whose standard counts by default.
+        Points, whose own standard counts by default.
     certified : CertifiedUncertainty or None
         U (k = 2) over the torque that a person states instead.
     source : str
         Of the table, for messages.
     remark : callable
-        Called with a sentence where the table states another.
+        Called with a sentence if the table states another standard.
     """
     if certified is None:
         return () if data.reference is None else (data.reference,)
@@ -61,15 +61,15 @@ def remark_another_standard(
     source: str,
     remark: Callable[[str], object],
 ) -> None:
-    """Call `remark` with a sentence if a table states another U than a person."""
+    """Call `remark` with a sentence if a table's U of the standard isn't the stated one."""
     if data.reference is not None and data.reference.certified != certified:
         noted, given = (
             each.largest_nm(data.range_nm) for each in (data.reference.certified, certified)
         )
         remark(
             Message(
-                "{source} says U of the standard up to {noted:.4g} N·m; up to {given:.4g} N·m was "
-                "given and is taken",
+                "{source} states U of the standard up to {noted:.4g} N·m; the U that "
+                "was entered, up to {given:.4g} N·m, is used instead",
                 source,
                 noted,
                 given,
@@ -87,7 +87,7 @@ def stated_effects(
     drift_percent_per_year: float | None = None,
     zero_nm: float | None = None,
 ) -> tuple[Effect, ...]:
-    """Return effects with limits that a person states, in the place of those that a chain has.
+    """Return a chain's effects, with those that a person states in place of its own.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def stated_effects(
 
 
 def step_noise(data: CalibrationData, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Return effects with the standard error of the points' means: their scatter contains it."""
+    """Return the effects with the points' standard error, which their scatter contains."""
     if data.standard_error_nm is None:
         return tuple(effects)
     steps_nm = float(np.nanmedian(data.standard_error_nm))
@@ -131,7 +131,7 @@ def step_noise(data: CalibrationData, effects: Sequence[Effect]) -> tuple[Effect
 
 
 def mounting_effect(data: CalibrationData) -> tuple[Effect, ...]:
-    """Return the reproducibility of mounting from several mounting positions; none without them.
+    """Return the reproducibility of mounting, from several mounting positions; none without them.
 
     The span of each position is the slope of standard over reading through zero.
     """

@@ -1,4 +1,4 @@
-"""Verification with the check standard: whether a module still keeps its stated uncertainty."""
+"""Verification with the check standard: whether a module keeps its stated uncertainty."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ CHECK_STANDARD = {
     "temperature of standard": "temperature of check standard",
     "drift of standard": "drift of check standard",
 }
-"""Components of U by the standard that points are compared with, and their names beside those of
-the calibration's standard.
+"""Components of U by the standard that the points are compared with, and their names in a budget
+that also has the calibration's standard.
 """
 
 
@@ -52,7 +52,7 @@ class JudgedPoints:
         Compensated, or the reading where no model is in use. Its U contains the standard, as the
         decisions concern the difference from it.
     decisions : tuple of Decision
-        One a point, with the guard band w = U.
+        One decision for each point, with the guard band w = U.
     missing : tuple of str
         Influences that U doesn't contain.
     """
@@ -116,13 +116,13 @@ def judge_check(
     standard: Reference | None,
     tolerance_percent_fs: float,
 ) -> JudgedPoints:
-    """Return compensated torque with U and a decision for every point.
+    """Return a decision for every point, with the compensated torque and its U.
 
     Parameters
     ----------
     data : CalibrationData
     chain : MeasuringChain or None
-        In use; None judges the reading itself.
+        Chain in use; None compares the reading itself.
     standard : Reference or None
         The check standard, as `check_standard` returns it; None if it isn't known.
     tolerance_percent_fs : float
@@ -160,7 +160,7 @@ def check_module(
     tolerance_percent_fs: float,
     **options: Unpack[RunOptions],
 ) -> CheckResult:
-    """Check one module against the check standard, judge it and register the verdict.
+    """Check one module against the check standard, and register the verdict.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def check_module(
     registry, description = station.registry, station.description
     serial, counter = description.module(side).transducer.serial, station.drivers.counter
     entry = registry.patiently(lambda: registry.active_model(serial, counter.clock_identity))
-    if entry is not None:  # at most up to the calibrated torque
+    if entry is not None:  # up to the calibrated torque
         chain = load_chain(entry.check_file())
         profile = profile.within(
             100.0 * chain.model.calibrated_nm / description.module(side).range_nm
@@ -200,7 +200,7 @@ def check_module(
 def _evaluate(
     registry: Registry, measured: Measured[StaircaseResult], _profile: Profile, _progress: Progress
 ) -> CheckResult:
-    """Judge a check by tolerance, model in use and standard that its run notes."""
+    """Evaluate a check by the tolerance, the model and the standard in its run's record."""
     data, known = measured.result.data, measured.record.metadata
     asked = known[REGISTERS]
     entry = None if asked["model_id"] is None else registry.model(int(asked["model_id"]))

@@ -1,4 +1,4 @@
-"""The demo on one open station: both modules calibrated, fitted and verified, friction measured."""
+"""The demo on an open station: both modules calibrated, fitted and verified, friction measured."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class DemoSettings:
     models : tuple of ModelChoice
         Models fitted in addition to the recommended one.
     seed : int
-        Draws the points of the verification.
+        Seed of the verification's random points.
     """
 
     calibration: Profile = field(default_factory=lambda: load_profile("rapid-in-situ"))
@@ -92,21 +92,21 @@ def run_demo(
     begin: Begin = lambda function: function,
     verified: Callable[[ModuleResult], object] | None = None,
 ) -> DemoResult:
-    """Zero, calibrate, fit, verify both modules and sweep the friction of a mounted reducer.
+    """Zero, calibrate, fit and verify both modules, and sweep the friction of a mounted reducer.
 
-    Everything is registered: runs, calibrations, models, which model is in use, verifications.
+    Runs, calibrations, models, their activation and verifications are registered.
 
     Parameters
     ----------
     station : Station
     settings : DemoSettings, optional
     progress : Progress
-        Told every stage.
+        Receives the stages.
     begin : callable
-        Begins a fit elsewhere and returns what waits for its result; without it, fits are made here
-        as soon as they are needed.
+        Starts a fit in another process and returns a function that waits for its result; by
+        default, fits run in this process when their result is needed.
     verified : callable, optional
-        Told each module's results.
+        Called with the results of each module.
     """
     settings = settings or DemoSettings()
     started, clock_started = datetime.now(UTC), time.perf_counter()
@@ -139,7 +139,7 @@ def _modules(
     begin: Begin,
     verified: Callable[[ModuleResult], object] | None,
 ) -> list[ModuleResult]:
-    """Calibrate both modules before the standard is exchanged for the verifications."""
+    """Calibrate both modules, then mount the verification standard and verify them."""
     choices = settings.choices()
     recommended = choices[0].name
     known = registers_calibration(choices, recommended)
@@ -166,7 +166,7 @@ def _modules(
 
 
 def _with_tables(fit: Fit) -> list[FittedModel]:
-    """Fit, and take a reading through each chain: its table is compiled where the fit is made."""
+    """Fit the models, and evaluate each chain once, so that its table is compiled here."""
     fitted = fit()
     for each in fitted:
         each.chain.compensated(Readings(np.zeros(1)))

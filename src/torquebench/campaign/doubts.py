@@ -1,4 +1,4 @@
-"""What makes a measurement doubtful before it begins: this computer's clock, expired standards."""
+"""Reasons to doubt a measurement before it begins: a wrong computer clock, expired standards."""
 
 from __future__ import annotations
 
@@ -20,18 +20,19 @@ VERIFICATION_STANDARD = "verification standard"
 
 
 def doubts_before(station: Station, registry: Registry, *standards: str) -> Iterator[str]:
-    """Yield that the clock is earlier than the newest record, and that standards have expired.
+    """Yield warnings if the clock is behind the newest record, and if standards have expired.
 
     Parameters
     ----------
     station : Station
     registry : Registry
     *standards : str
-        Those that are measured against.
+        Standards that will be used.
     """
     if station.clock_behind:
         yield Message(
-            "{behind}; set the clock, or every date of what follows is wrong", station.clock_behind
+            "{behind}; set the clock, otherwise the dates of all new records are wrong",
+            station.clock_behind,
         )
     yield from expired_standards(registry, station.description, *standards)
 

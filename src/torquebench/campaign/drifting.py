@@ -46,11 +46,11 @@ class DriftSeries:
     Attributes
     ----------
     title, unit : str
-        What it is, in words.
+        Name of the quantity, and its unit.
     moments, values : tuple
-        The oldest first.
+        Times and values, the oldest first.
     tolerance : float
-        Tolerance in its unit: about the last calibration, which a chain is compensated by, or about
+        Tolerance in its unit, about the last calibration (which compensates the chain), or about
         the first zero or check.
     chart, trend, prediction : ControlChart, Trend, DriftPrediction or None
         None where there are too few values.
@@ -72,7 +72,7 @@ class DriftSeries:
     simulated: bool
 
     def remark(self, row: int) -> str:
-        """Return the control chart's statement about one value."""
+        """Return what the control chart shows about one value."""
         if self.chart is None:
             return ""
         found = []
@@ -86,19 +86,19 @@ class DriftSeries:
 
 
 class DriftRecords(Protocol):
-    """Records of a transducer: from a bench's registry, or from a plant's."""
+    """Records of a transducer, from a bench's registry or from a plant's."""
 
     def calibrations(self, transducer_serial: str, /) -> list[CalibrationEntry]:
-        """Return its calibrations."""
+        """Return the transducer's calibrations."""
 
     def zeroings(self, transducer_serial: str, /) -> list[Zeroing]:
-        """Return its zeros, the oldest first."""
+        """Return the transducer's zeros, the oldest first."""
 
     def checks(self, transducer_serial: str, /) -> list[CheckEntry]:
-        """Return its quick checks, the oldest first."""
+        """Return the transducer's quick checks, the oldest first."""
 
     def equipment(self, kind: EquipmentKind, /) -> list[Equipment]:
-        """Return the transducers that are known."""
+        """Return the known transducers."""
 
 
 def drift_of(
@@ -118,11 +118,12 @@ def drift_of(
     serial : str
         The transducer.
     tolerance_percent : float
-        Tolerance in % (of the span; of the range for zeros and checks), as `DriftSeries` has it.
+        Tolerance in % of the span, or of the range for zeros and checks.
     base : int, optional
-        Limits of the control charts from the first so many values; from all by default.
+        Number of first values that set the limits of the control charts; all by default.
     models : sequence of ModelEntry
-        Of the transducer: where empty runs were made for two or more, their effects over time.
+        Models of the transducer; if two or more of them have empty runs, their effects over time
+        are returned as well.
     """
     found: list[tuple[str, str, list[tuple[datetime, float, bool]], bool]] = []
     calibrations = sorted(registry.calibrations(serial), key=lambda entry: entry.performed)
@@ -173,10 +174,10 @@ def drift_of(
 def _effects_over_time(
     models: Sequence[ModelEntry], performed: Mapping[int, datetime]
 ) -> list[tuple[str, str, list[tuple[datetime, float, bool]]]]:
-    """Return temperature, rotation and inertia from the empty runs of two or more models.
+    """Return effects of temperature, rotation and inertia over time, from models with empty runs.
 
-    They belong to the days of the models' calibrations, by their numbers. Speeds and accelerations
-    are the largest that all models cover.
+    `performed` maps the numbers of calibrations to their days. Speeds and accelerations are the
+    largest ones that all models cover.
     """
     chains = [
         (entry, load_chain(entry.file))
@@ -235,9 +236,9 @@ def _has_empty_runs(entry: ModelEntry) -> bool:
 def _of_one_range(
     calibrations: list[CalibrationEntry], place: int
 ) -> list[tuple[float, list[CalibrationEntry]]]:
-    """Group calibrations by their largest torque: spans over different ranges don't compare.
+    """Group calibrations by their largest torque, because spans over different ranges differ.
 
-    A chain's curve is nonlinear, so its span over a part of the range differs.
+    A chain's curve is nonlinear, so that its span over a part of the range is another one.
     """
     groups: list[tuple[float, list[CalibrationEntry]]] = []
     for entry in calibrations:
@@ -252,7 +253,7 @@ def _of_one_range(
 
 
 def _first_of_each_run(zeroings: list[Zeroing]) -> list[Zeroing]:
-    """Return one zero a run: later ones within a run show its warming up, not drift."""
+    """Return the first zero of each run: later zeros of a run show warming up, not drift."""
     seen: set[str] = set()
     first = []
     for zeroing in zeroings:
@@ -295,9 +296,9 @@ def _series(
 
 
 def next_due(found: tuple[DriftSeries, ...], *, longest_days: int) -> date | None:
-    """Return when the transducer is to be calibrated again: the earliest proposal of its spans.
+    """Return the day of the next calibration: the earliest one that a span proposes.
 
-    None where it was never calibrated.
+    None if the transducer was never calibrated.
     """
     proposals = [
         propose_due_date(series.moments[-1], series.prediction, longest_days=longest_days)

@@ -1,4 +1,4 @@
-"""Dynamics of a measuring chain: from recorded runs to a file with the inverse filter."""
+"""Dynamics of a measuring chain, from recorded runs to a file with the inverse filter."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ FORMAT = "torquebench dynamics 1"
 _UNEVEN = 0.01
 _STEPS = ("time_s", "reading_nm", "standard_nm", "segment", "period_s")
 _DELAY_SHARE = 0.1
-"""Limit of the error of a reference's delay by its data sheet, as a share."""
+"""Assumed limit of the error of a reference's delay, as a share of the delay in its data sheet."""
 _FASTER = 11.0
-"""Rate of the readings over the chain's bandwidth, where no rate is stated."""
+"""Default ratio of the readings' rate to the chain's bandwidth."""
 _UNCOMPENSATED = 0.1
-"""Relative standard uncertainty of an inertia that was identified from uncompensated readings."""
+"""Relative standard uncertainty of an inertia identified from uncompensated readings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,15 +68,15 @@ class IdentifiedDynamics:
     transfer : TransferFunction
     designed : InverseFilter
     inertia : Inertia or None
-        Where an empty run with ramps was given.
+        Inertia, if an empty run with ramps was given.
     simulated : bool
-        Whether a table states that.
+        Whether a table is marked as simulated.
     sha256 : dict of str to str
-        Of every table, by its name.
+        Hash of every table, by its name.
     shaft : Shaft or None
         Stiffness and damping, where the inertia is known.
     vibration : Vibration or None
-        By steps of torque on a bench.
+        Vibration of the bench, if the runs have steps of torque on it.
     """
 
     transfer: TransferFunction
@@ -89,7 +89,7 @@ class IdentifiedDynamics:
 
     @property
     def effect(self) -> Dynamics:
-        """The effect of a measuring chain."""
+        """The dynamics as an effect of a measuring chain."""
         simulated = " (simulated)" if self.simulated else ""
         return Dynamics.of(f"identified from {', '.join(self.sha256)}{simulated}", self.designed)
 
@@ -116,8 +116,8 @@ def identify_dynamics(
         acceleration_rad_s2.
     model : pathlib.Path, optional
         Model file of the chain: readings are compensated by its static curve first, along the
-        history of each record. Ramps with small torques are in the range where a chain's reversal
-        curves most.
+        history of each record. Ramps have small torques, where a chain's curve bends most at the
+        reversal.
     window_s : float, optional
         Length of the counter's window; the sample interval where not given.
     bandwidth_hz : float, optional
@@ -126,14 +126,14 @@ def identify_dynamics(
         Between the readings that are to be filtered; that of the runs by default, and for runs of
         `turn` what the bandwidth needs.
     motor : MotorInertia, optional
-        For runs of `turn`; by their tables where not given.
+        For runs of `turn`; from their tables by default.
 
     Raises
     ------
     InputError
-        Naming what the tables lack or don't identify.
+        If the tables lack a column, or don't identify a quantity.
     """
-    # not its other effects: inertia and dynamics are to be identified
+    # the static curve only: inertia and dynamics are yet to be identified
     stored = None if model is None else load_model(model)
     chain = None if stored is None else MeasuringChain(stored.model)
 
@@ -217,7 +217,7 @@ class _OnBench:
 
     @classmethod
     def of(cls, tables: Mapping[Path, Table]) -> _OnBench:
-        """Return what runs with steps and sines show.
+        """Return the vibration and the delay that steps and sines in the tables show.
 
         Raises
         ------
@@ -299,7 +299,7 @@ class _OnBench:
 
 
 def save_dynamics(path: Path, found: IdentifiedDynamics) -> None:
-    """Write identified dynamics, whole or not at all."""
+    """Write identified dynamics to a file."""
     raw, compensated = found.designed.raw, found.designed.compensated
     content = {
         "format": FORMAT,
@@ -331,7 +331,7 @@ def load_dynamics(path: Path) -> Dynamics:
     Raises
     ------
     InputError
-        The file can't be read or is another one.
+        The file can't be read or isn't a file of dynamics.
     """
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Enter an external calibration: one sealed record, as if measured by a run."""
+"""Register an external calibration as one sealed record, as if it had been measured by a run."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ class ExternalCalibration:
     Parameters
     ----------
     performed : datetime.datetime
-        When, with time zone.
+        Time of the calibration, with time zone.
     measured_by : str
-        Who did it.
+        Person who performed it.
     place : str
         The bench or the laboratory.
     transducer : Equipment
@@ -76,7 +76,7 @@ class ExternalCalibration:
 
 @dataclass(frozen=True)
 class RegisteredTable:
-    """Entered records: the run with the table, its calibration, and the model."""
+    """Entries of a registered table: its run, its calibration, and the model."""
 
     run_id: str
     calibration: CalibrationEntry
@@ -94,7 +94,7 @@ def register_table(
     model: Path | None = None,
     called: str = "",
 ) -> RegisteredTable:
-    """Enter a table with its equipment; certificates and exports then work as for a run.
+    """Register a table with its equipment, so that certificates and exports work as for a run.
 
     The table itself is stored unchanged in a sealed folder beside the runs.
 
@@ -104,12 +104,12 @@ def register_table(
     table : pathlib.Path
         Its file.
     data : CalibrationData
-        As it was read, with nominal torques.
+        Points of the table, with nominal torques.
     profile : Profile
-        That was followed.
+        Profile that was followed.
     circumstances : ExternalCalibration
     operator : str
-        Who enters it.
+        Person who enters the table.
     model : pathlib.Path, optional
         File of a compensation model for these points; a copy is kept, with the day of the
         calibration.
@@ -119,7 +119,7 @@ def register_table(
     Raises
     ------
     InputError
-        Where something isn't named, or these points are entered already.
+        If a name is missing, or these points are already registered.
     """
     check_circumstances(circumstances)
     called = called or table.name
@@ -145,7 +145,7 @@ def register_table(
         writer.write_file("table.csv", table_text(table, called=called))
         writer.write_results(
             {
-                "data": replace(data, reference=None),  # the metadata have the standard
+                "data": replace(data, reference=None),  # the metadata contain the standard
                 "unsettled": 0,
                 "standard_serial": circumstances.reference.serial,
                 "resolution_nm": circumstances.resolution_nm,
@@ -167,12 +167,12 @@ def register_table(
 
 
 def check_circumstances(circumstances: ExternalCalibration) -> None:
-    """Refuse circumstances that a certificate can't be issued with.
+    """Refuse circumstances that don't allow a certificate.
 
     Raises
     ------
     InputError
-        Where something isn't named, or the measurement is in the future.
+        If a name is missing, or the measurement is in the future.
     """
     refuse_future(circumstances.performed)
     calibrated = circumstances.reference.performed
@@ -200,7 +200,7 @@ def check_circumstances(circumstances: ExternalCalibration) -> None:
 
 
 def _fitting_model(file: Path, data: CalibrationData) -> StoredModel:
-    """Return a model for these points, with their day as that of its calibration."""
+    """Return a model for these points, with the day of their measurement as its calibration's."""
     stored = load_model(file)
     provenance = stored.provenance
     if abs(provenance.range_nm - data.range_nm) > 1e-6 * data.range_nm:
@@ -243,7 +243,7 @@ def _metadata(
 
 
 def _stated(uncertainty: CertifiedUncertainty | float, data: CalibrationData) -> dict[str, Any]:
-    """Return the fields of a record of a standard that `stated_uncertainty` reads."""
+    """Return the fields of a standard's record that `stated_uncertainty` reads."""
     if isinstance(uncertainty, float):
         return {
             "expanded_uncertainty_percent": uncertainty,
@@ -264,7 +264,7 @@ def _stated(uncertainty: CertifiedUncertainty | float, data: CalibrationData) ->
 def _limits(
     uncertainty: CertifiedUncertainty | float, reference: Reference | None
 ) -> dict[str, float | None]:
-    """Return the limits of a standard whose uncertainty is the table's own."""
+    """Return the limits of a standard whose uncertainty comes from the table."""
     if reference is None or reference.certified != uncertainty:
         return {}
     return {name: getattr(reference, name) for name in Reference.LIMITS}

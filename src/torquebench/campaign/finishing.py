@@ -1,6 +1,6 @@
-"""Finish a run that was interrupted after it was measured: evaluate and register it.
+"""Finish a run that was interrupted after its measurement: evaluate and register it.
 
-Each kind of run states how; `evaluate_and_register` does the same right after a run. Nothing is
+The kind of the run defines how; `evaluate_and_register` does the same right after a run. Nothing is
 measured again.
 """
 
@@ -25,7 +25,7 @@ __all__ = ["REGISTERED", "Finished", "discard_run", "find_unfinished", "finish_r
 REGISTERED: dict[str, RunKind[Any, Any, Any]] = {
     kind.kind.partition("-")[0]: kind for kind in (CALIBRATION, CHECK, VERIFICATION)
 }
-"""Kinds of runs that have entries of their own in the registry, by the first part of the kind."""
+"""Kinds of runs whose results have registry entries of their own, by the first part of the kind."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class Finished:
     ----------
     run_id : str
     sentence : str
-        In words.
+        Result in one sentence.
     calibration : FinishedCalibration or None
-        Where it was a calibration.
+        Result of a calibration, else None.
     """
 
     run_id: str
@@ -47,7 +47,7 @@ class Finished:
 
 
 def find_unfinished(registry: Registry, name: str) -> UnfinishedRun:
-    """Return an unfinished run by its id or the beginning of it, or "latest".
+    """Return an unfinished run by its id, by the beginning of its id, or by "latest".
 
     Raises
     ------
@@ -57,7 +57,7 @@ def find_unfinished(registry: Registry, name: str) -> UnfinishedRun:
     every = unfinished_runs(registry)
     own = [run for run in every if run.state is not RunState.COPY]
     found = own[-1:] if name == "latest" else [r for r in every if r.run_id.startswith(name)]
-    if len(found) > 1:  # a copy's name often begins with that of its run
+    if len(found) > 1:  # the name of a copied folder often begins with the id of its run
         found = [r for r in found if r.run_id == name] or found
     if len(found) != 1:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Fit compensation models to one calibration, and describe each of them."""
+"""Fit compensation models to a calibration, and describe each of them."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ CHOSEN_ELSEWHERE = ("range_nm", "range_margin", "outliers")
 
 
 def model_title(kind: str, parameters: Mapping[str, Any] | None = None) -> str:
-    """Return a kind of model in a few words, for tables and legends; an unknown one by its name.
+    """Return a short title for a kind of model in tables and legends; for others its name.
 
     Examples
     --------
@@ -107,16 +107,16 @@ def model_title(kind: str, parameters: Mapping[str, Any] | None = None) -> str:
 
 @dataclass(frozen=True)
 class ModelChoice:
-    """A model that is to be fitted: its kind and parameters.
+    """A model to be fitted: its kind and parameters.
 
     Parameters
     ----------
     name : str
         As `make_model` takes it; also the name in results ("polynomial-2").
     parameters : mapping
-        Beyond the range, which comes from the data.
+        Parameters except the range, which comes from the data.
     rising_only : bool
-        Fitted to the rising points alone, as the source papers load.
+        Whether to fit to the rising points only, as in the source papers.
     """
 
     name: str
@@ -125,7 +125,7 @@ class ModelChoice:
 
     @property
     def specification(self) -> dict[str, Any]:
-        """As a run's record keeps it; `ModelChoice(**specification)` is the choice again."""
+        """Fields for a run's record; `ModelChoice(**specification)` restores the choice."""
         return {
             "name": self.name,
             "parameters": dict(self.parameters),
@@ -148,7 +148,7 @@ class ModelChoice:
         make_model(self.name, **self.parameters).check_parameters()
 
     def points(self, data: CalibrationData) -> CalibrationData:
-        """Return those points of a calibration that the model is fitted to."""
+        """Return the points of a calibration that the model is fitted to."""
         return data.subset(data.branch > 0) if self.rising_only else data
 
 
@@ -167,9 +167,10 @@ class FittedModel:
     remarks : tuple of str
         Warnings of the fit: outliers, averaged points.
     effects : tuple of Effect
-        What else is known of the measuring chain.
+        Other effects of the measuring chain.
     contradictions : tuple of Contradiction
-        Why it isn't to be put into use: what the points contradict. Empty for a plausible one.
+        Contradictions of the points, because of which the model must not be used; empty if
+        plausible.
     choice : ModelChoice or None
         The request.
     calibrated_on : datetime.date or None
@@ -193,9 +194,9 @@ class FittedModel:
 
 
 def feature_columns(model: CompensationModel) -> int:
-    """Return the number of leading columns of `FEATURES` that a kind of model uses.
+    """Return the number of leading columns of `FEATURES` that a model uses.
 
-    A model is fitted to these only, so that it requires no unused column.
+    A model is fitted to these only, so that readings don't need unused columns.
 
     Examples
     --------
@@ -215,21 +216,21 @@ def fit_models(
     limits: Plausibility | None = None,
     before: ModelInUse | None = None,
 ) -> list[FittedModel]:
-    """Fit every chosen model to all points of a calibration, and find its contradictions.
+    """Fit every chosen model to a calibration, and find the contradictions of the points.
 
-    A row that disagrees with all others is left out. Contradictory points are all kept, as it isn't
-    known which of them are wrong.
+    A single row that disagrees with all others is left out. If parts of the table contradict each
+    other, all points are kept, because it isn't known which of them are wrong.
 
     Parameters
     ----------
     data : CalibrationData
     choices : sequence of ModelChoice
     progress : Progress
-        Told a stage of 100 steps a model.
+        Receives a stage of 100 steps for each model.
     title : str
-        Of that stage.
+        Title of that stage.
     effects : tuple of Effect
-        What else is known of the measuring chain; its mountings follow from the points.
+        Other effects of the measuring chain; that of its mounting follows from the points.
     limits : Plausibility, optional
         Of the profile that was followed.
     before : ModelInUse, optional
@@ -302,7 +303,7 @@ def entry_in_use(registry: Registry, serial: str, counter: str) -> ModelEntry | 
 
 @dataclass(frozen=True)
 class ModelInUse:
-    """The model that a chain was compensated with so far, for comparison with a new calibration.
+    """A chain's model in use, for comparison with a new calibration.
 
     `unreadable` is the reason why a model that is in use can't be read.
     """
@@ -312,7 +313,7 @@ class ModelInUse:
 
 
 def model_in_use(registry: Registry, data: CalibrationData) -> ModelInUse:
-    """Return the model of `entry_in_use`; one whose file is missing or was changed is stated."""
+    """Return the model of `entry_in_use`, or the reason why its file can't be read."""
     entry = entry_in_use(registry, data.transducer_serial, data.counter_identity)
     if entry is None:
         return ModelInUse()
@@ -323,23 +324,23 @@ def model_in_use(registry: Registry, data: CalibrationData) -> ModelInUse:
 
 
 def not_compared(error: TorquebenchError) -> Message:
-    """Return that a calibration isn't compared with a model that can't be read."""
+    """Return the remark that the model in use can't be read for a comparison."""
     return Message("not compared with the model in use, which can't be read: {reason}", error.found)
 
 
 def _examined(data: CalibrationData) -> tuple[CalibrationData, Examination]:
-    """Return the points to fit, and whether they agree; from their own zeros if only so."""
+    """Return the points to be fitted, tared if they agree only then, and their examination."""
     examination = examine_table(data)
     return (tare(data).data if examination.from_zeros else data), examination
 
 
 def _kept(data: CalibrationData, examination: Examination, outliers: str) -> CalibrationData:
-    """Return the points without single wrong rows; all of them where parts contradict each other.
+    """Return the points without single wrong rows; all points if parts contradict each other.
 
     Raises
     ------
     InputError
-        A wrong row, if it is to be refused.
+        If there is a wrong row and outliers are refused.
     """
     wrong = [] if examination.disagreements else examination.wrong_rows
     if not wrong or outliers == "keep":
@@ -357,8 +358,8 @@ def _kept(data: CalibrationData, examination: Examination, outliers: str) -> Cal
 
 def _wrong_row(data: CalibrationData, point: int, residual_nm: float) -> Message:
     return Message(
-        "{row}: reading {reading:.6g} N·m, standard {standard:.6g} N·m, {residual:+.3g} N·m from "
-        "what the other rows expect",
+        "{row}: reading {reading:.6g} N·m, standard {standard:.6g} N·m, "
+        "{residual:+.3g} N·m from the value that the other rows predict",
         rows_in_words(data, point),
         data.reading_nm[point],
         data.standard_nm[point],
@@ -367,7 +368,7 @@ def _wrong_row(data: CalibrationData, point: int, residual_nm: float) -> Message
 
 
 def remarks_on(data: CalibrationData) -> tuple[str, ...]:
-    """Return what `fit_models` remarks on a calibration's points, whichever model is fitted."""
+    """Return the remarks of `fit_models` on a calibration's points, which hold for every model."""
     data, examination = _examined(data)
     return tuple(_remarks(data, _kept(data, examination, "downweight"), examination))
 
@@ -375,25 +376,25 @@ def remarks_on(data: CalibrationData) -> tuple[str, ...]:
 def _remarks(
     data: CalibrationData, kept: CalibrationData, examination: Examination
 ) -> Iterator[str]:
-    """Yield the rows that were left out, and doubts about others."""
+    """Yield remarks on rows that were left out, and on doubtful rows."""
     if len(kept) < len(data):
         for each in examination.wrong_rows:
             row = _wrong_row(data, each.point, each.residual_nm)
             yield Message("outlier, left out: {row}", row)
     if examination.from_zeros:
         yield Message(
-            "the zero of each series was subtracted: the points agree only so, and the model takes "
-            "readings that are tared"
+            "the zero of each series was subtracted: only then do the points agree, "
+            "and the model needs tared readings"
         )
     for part in examination.doubts:
         yield Message(
-            "{found}; about one healthy table in ten shows the like: check these rows",
+            "{found}; about one healthy table in ten shows such a part: check these rows",
             contradiction_of(data, part, examination).found,
         )
 
 
 def _few_points(model: CompensationModel, count: int) -> Iterator[str]:
-    """Yield that too few points can't tell whether the noise grows with the torque.
+    """Yield a remark if the points are too few to show noise that grows with the torque.
 
     The scatter of the inner and of the outer half of the points differ by chance up to the square
     root of Fisher's F for half of the degrees of freedom each (95 %): doubled noise doesn't show.
@@ -411,12 +412,12 @@ def _few_points(model: CompensationModel, count: int) -> Iterator[str]:
 
 
 def _untared(data: CalibrationData, examination: Examination) -> Iterator[str]:
-    """Yield the zero of a table that wasn't tared: the model corrects it with the rest."""
+    """Yield a remark if a table wasn't tared, because the model then corrects the zero as well."""
     zero = max(tare(data).zeros_nm, key=abs, default=0.0)
     if zero and not abs(zero) <= 2.0 * examination.expanded_nm:
         yield Message(
-            "without load the reading is {zero:+.4g} N·m: the model subtracts it, so it takes "
-            "readings that aren't tared",
+            "without load the reading is {zero:+.4g} N·m: the model subtracts this "
+            "zero, so it needs readings that aren't tared",
             zero,
         )
 
@@ -462,9 +463,9 @@ def fit_table(
     source : str
         Name of the table, for reports.
     name : str, optional
-        The model to take, as `make_model` names it.
+        Name of the model, as in `make_model`.
     progress : Progress
-        Told one stage, and one more of the comparison.
+        Receives one stage, and a second one for the comparison.
     outliers : {"downweight", "refuse", "keep"}
         Treatment of single wrong rows: left out, refused, or kept. All are kept if parts of the
         table contradict each other.
@@ -536,11 +537,11 @@ def _compared(data: CalibrationData, name: str, progress: Progress) -> Compariso
 
 
 COMPARED_COLUMNS = 2
-"""Reading and branch: the columns of every table."""
+"""Number of columns (reading and branch) that every table has."""
 
 
 def fit_metrics(fitted: FittedModel, data: CalibrationData) -> dict[str, float]:
-    """Return figures of a fit on its own points, names with their unit."""
+    """Return the errors of a fit on its own points; names with their unit."""
     torque = fitted.model.predict(data.features(feature_columns(fitted.model)))
     errors = summarise_errors(torque, data.standard_nm, data.range_nm)
     return {
@@ -560,9 +561,9 @@ def described_model(
     contradictions: Sequence[Contradiction] = (),
     accepted: str = "",
 ) -> StoredModel:
-    """Return a model with the data of the chain, its points and the software.
+    """Return a model with its provenance: chain, points and software version.
 
-    It states contradictions of the calibration, and who uses the model nevertheless.
+    It contains contradictions of the calibration, and who accepted them.
     """
     return StoredModel(
         model,
@@ -595,7 +596,7 @@ def store_model(
     *,
     private: bool = False,
 ) -> StoredModel:
-    """Write the model file of `described_model`; a private one is its owner's alone."""
+    """Write the model file of `described_model`; if `private`, only its owner may read it."""
     if private:
         private_folder(path.parent)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -605,7 +606,7 @@ def store_model(
 
 
 def table_metrics(result: FitResult) -> dict[str, float]:
-    """Return figures of a fit to a table, for its model file; names with their unit."""
+    """Return the errors of a fit to a table for its model file; names with their unit."""
     return {
         "fit_worst_percent_fs": result.fitted.worst_percent_fs,
         "fit_rms_percent_fs": result.fitted.rms_percent_fs,

@@ -1,4 +1,4 @@
-"""Run a procedure on an open station: rehearse it, watch it, read its results."""
+"""Run a procedure on an open station: rehearse it, report its progress, read its results."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Result = TypeVar("Result")
 Evaluated = TypeVar("Evaluated")
 Outcome = TypeVar("Outcome")
 REST_S = 1.0
-"""Interval over which an unloaded standard is read, s: it tells the clock of a read-out."""
+"""Interval over which an unloaded standard is read, s; a read-out states its clock in it."""
 OnPause = Callable[[Station], Literal["resume", "abort"]]
 
 
@@ -47,11 +47,11 @@ class RunOptions(TypedDict, total=False):
     operator : str
         Who measures; by default `operator_name`.
     mounting : MountingRecord or None
-        What was entered about the mounting.
+        Entered data about the mounting.
     metadata : mapping
         Further metadata of the run.
     progress : Progress
-        Told one stage.
+        Receives one stage.
     on_pause : callable or None
         Called on a pause, see `Station.run`.
     """
@@ -93,14 +93,14 @@ class Measured(Generic[Result]):
 
 
 def standard_at_rest(station: Station, side: Side, mounting: Mounting) -> float | None:
-    """Return the unloaded torque of a standard, N·m; None if it isn't mounted.
+    """Return the torque of an unloaded standard, N·m; None if it isn't mounted.
 
     Raises
     ------
     BenchError
-        It states a torque without load.
+        The standard shows a torque without load.
     SignalFault
-        It has no signal.
+        The standard has no signal.
     """
     description, acquisition = station.description, station.acquisition
     standard = description.standard(mounting)
@@ -119,11 +119,12 @@ def standard_at_rest(station: Station, side: Side, mounting: Mounting) -> float 
 
 @dataclass(frozen=True)
 class RunKind(Generic[Result, Evaluated, Outcome]):
-    """A kind of run: what it measures, and what becomes of that, at once or after a crash.
+    """A kind of run: its plan, and how its result is evaluated and registered, at once or later.
 
     `plan` takes devices, side, profile and the arguments of `measure`. `evaluate` uses the run's
-    record and the registry only. `register` is one transaction, which finds what an earlier attempt
-    has registered; without it only the run itself is entered. `describe` says what is registered.
+    record and the registry only. `register` is one transaction, which can be repeated without
+    duplicates; without it only the run itself is registered. `describe` returns a sentence about
+    the registered result.
     """
 
     kind: str
@@ -143,7 +144,7 @@ class RunKind(Generic[Result, Evaluated, Outcome]):
         rehearsed: Callable[[], Plan[Any]] | None = None,
         **options: Unpack[RunOptions],
     ) -> Measured[Result]:
-        """Rehearse and run the plan; its record names side and profile. See `measure`."""
+        """Rehearse and run the plan; side and profile are stored in the record. See `measure`."""
         options["metadata"] = {**run_metadata(side, profile), **options.get("metadata", {})}
         return measure(
             station,
@@ -158,7 +159,7 @@ class RunKind(Generic[Result, Evaluated, Outcome]):
 def run_metadata(
     side: Side, profile: Profile | TurningProfile | FrictionSettings
 ) -> dict[str, str]:
-    """Return what the registry stores of a run beside its start document."""
+    """Return a run's fields in the registry, beside those of its start document."""
     if isinstance(profile, FrictionSettings):
         return {"side": side}
     return {"side": side, "profile_name": profile.name, "profile_sha256": profile.sha256}
@@ -174,10 +175,10 @@ def measure(
     files: Callable[[], Mapping[str, bytes]] = dict,
     **options: Unpack[RunOptions],
 ) -> Measured[Result]:
-    """Rehearse a plan and execute it as a separate run.
+    """Rehearse a plan, and execute it as a run of its own.
 
-    `rehearsed` makes the plan without the steps that need real recordings, where it has any;
-    `files` returns further files of the run, see `Station.run`.
+    `rehearsed` returns the plan without steps that need real recordings, if it has any; `files`
+    returns further files of the run, see `Station.run`.
     """
     progress = options.get("progress", NO_PROGRESS)
     progress.start(title, rehearse(station.devices, (rehearsed or plan)()).steps or None)

@@ -1,4 +1,4 @@
-"""Rebuilds or completes a registry from the other files of the data directory.
+"""Rebuild or complete a registry from the other files of the data directory.
 
 A run's folder states what was measured, on which bench and by whom; model files state the fitted
 points; certificates include their record. Later statements of people (reviews, amendments,
@@ -48,7 +48,7 @@ from torquebench.validation import validated
 __all__ = ["DAMAGED_REGISTRY", "NOT_REBUILT", "Rebuilt", "rebuild"]
 
 DAMAGED_REGISTRY = "registry-damaged-"
-"""Beginning of the name under which a damaged registry is kept."""
+"""Prefix of the name under which a damaged registry is kept."""
 NOT_REBUILT = (
     "which model is in use: put it into use on the panel, or calibrate",
     "reviews and amendments: who checked what, and what records should have said",
@@ -57,7 +57,7 @@ NOT_REBUILT = (
     "runs, `records finish RUN` registers them again",
     "accounts, passwords and settings of the panel, which lie in panel.sqlite: `records restore`",
 )
-"""Entries that exist in the registry only."""
+"""Entries that exist in the registry only, so that they can't be rebuilt."""
 
 
 @dataclass
@@ -71,9 +71,9 @@ class Rebuilt:
     mended : list of str
         Recreated parts of the database: indexes, triggers.
     aside : pathlib.Path or None
-        The original registry.
+        Copy of the original registry.
     runs, calibrations, models, certificates : list of str
-        What was entered.
+        Names of the entries that were made.
     unfitted : list of str
         Runs of calibrations without a model file: `records finish` fits and registers them.
     problems : list of str
@@ -129,7 +129,7 @@ def rebuild(data: Path, by: str, progress: Progress = NO_PROGRESS) -> Rebuilt:
 
 
 def _mend(data: Path, done: Rebuilt) -> None:
-    """Leave a usable registry, or none."""
+    """Repair the registry, or remove a damaged one that can't be repaired."""
     file = data / REGISTRY_FILE
     if not file.exists() or not file.stat().st_size:
         done.anew = True
@@ -160,7 +160,7 @@ def _mend(data: Path, done: Rebuilt) -> None:
 
 
 def _keep_aside(file: Path, done: Rebuilt) -> None:
-    """Copy the registry and its log unchanged before the rebuild."""
+    """Copy the unchanged registry and its log before the rebuild."""
     if done.aside is not None:
         return
     name = f"{DAMAGED_REGISTRY}{datetime.now(UTC):%Y%m%dT%H%M%S%fZ}.sqlite"
@@ -206,7 +206,7 @@ def _enter_calibration(registry: Registry, folder: RunFolder, done: Rebuilt) -> 
     if folder.manifest["status"] != "completed":
         return
     models = list(_models_of(registry.root / "models", run_data(folder).sha256(), done))
-    if not models and kind.startswith("calibrate-"):  # no result before the registry was lost
+    if not models and kind.startswith("calibrate-"):  # no result was registered
         done.unfitted.append(folder.run_id)
         return
     files = [
@@ -252,7 +252,7 @@ def _enter_certificates(registry: Registry, data: Path, done: Rebuilt) -> None:
         for file in sorted(archive.glob("*/*.json"))
         if (record := _certificate(file)) is not None
     ]
-    # A certificate that replaces another one was issued after it.
+    # A certificate that replaces another one is issued after it.
     for record, folder in sorted(found, key=lambda each: (each[0]["issued"], each[0]["number"])):
         if record["number"] in issued or folder.name != record["number"]:
             continue
@@ -286,7 +286,7 @@ def _enter_certificates(registry: Registry, data: Path, done: Rebuilt) -> None:
 
 
 def _certificate(file: Path) -> dict[str, Any] | None:
-    """Return a file's content where it is the record of a certificate."""
+    """Return a file's content if it is the record of a certificate."""
     wanted = {
         *("number", "run_id", "authorised_by", "issued", "simulated", "deviations", "conformity"),
         *("languages", "method", "supersedes"),

@@ -1,7 +1,7 @@
-"""Register measured runs: what a sealed folder holds becomes entries of the registry.
+"""Register measured runs: convert the content of sealed folders to entries of the registry.
 
-The folder alone determines the entry of a calibration, whether it is registered right after its
-run, days later, from an external table, or into a rebuilt registry.
+The entry of a calibration depends on the folder only, whether it is registered right after its run,
+days later, from an external table, or in a rebuilt registry.
 """
 
 from __future__ import annotations
@@ -64,9 +64,9 @@ Outcome = TypeVar("Outcome")
 
 @dataclass(frozen=True)
 class FittedFile:
-    """A stored model, as it is registered with its calibration.
+    """A stored model that is registered with its calibration.
 
-    `name` is that of the choice, `kind` that of the model; `metrics` are the errors of its
+    `name` is the name of the choice, `kind` the kind of the model; `metrics` are the errors of its
     cross-validation.
     """
 
@@ -79,7 +79,7 @@ class FittedFile:
 
 @dataclass(frozen=True)
 class RegisteredCalibration:
-    """A calibration in the registry with the models that were fitted to it.
+    """A registered calibration with its fitted models.
 
     Parameters
     ----------
@@ -93,20 +93,20 @@ class RegisteredCalibration:
 
 
 def registers_calibration(models: Sequence[ModelChoice], active: str | None) -> dict[str, Any]:
-    """Return the metadata of a calibration's run that finishing and resuming need.
+    """Return the metadata of a calibration's run for finishing and resuming it later.
 
     Parameters
     ----------
     models : sequence of ModelChoice
-        Models that are fitted to it.
+        Models to be fitted to the calibration.
     active : str or None
-        Which of them is put into use.
+        Name of the model to be put into use.
     """
     return {REGISTERS: {"models": [each.specification for each in models], "active": active}}
 
 
 def registered_choices(metadata: Mapping[str, Any]) -> tuple[list[ModelChoice], str | None]:
-    """Return the models that a calibration's run was begun with, and which is put into use."""
+    """Return the models in the record of a calibration's run, and the one to be put into use."""
     wanted = metadata.get(REGISTERS) or {"models": [{"name": RECOMMENDED}], "active": RECOMMENDED}
     return [ModelChoice(**each) for each in wanted["models"]], wanted["active"]
 
@@ -122,7 +122,7 @@ def register_calibration(
 ) -> RegisteredCalibration:
     """Register a calibration with its models, and put one of them into use.
 
-    All of it in one transaction; where the run has a calibration already, that one is returned.
+    This is one transaction; if the run's calibration is already registered, it is returned.
 
     Parameters
     ----------
@@ -170,11 +170,11 @@ def register_calibration(
 
 
 def calibration_entry(folder: RunFolder, **remarks: str) -> CalibrationEntry:
-    """Return the entry of the calibration that a sealed run holds."""
+    """Return the registry entry for the calibration in a sealed run."""
     data, profile, metadata = run_data(folder), run_profile(folder), folder.metadata
     results, manifest = folder.results, folder.manifest
     performed = datetime.fromisoformat(manifest["sealed"])
-    if "table" in metadata:  # measured elsewhere, and earlier
+    if "table" in metadata:  # measured externally, before this run
         start = _start(folder)
         performed = datetime.fromtimestamp(float(start["time"]), performed.tzinfo)
     listed = [name for name in (MANIFEST, "table.csv") if (folder.path / name).is_file()]
@@ -223,9 +223,9 @@ def register_verification(
     result: VerificationResult,
     record: RunRecord,
 ) -> None:
-    """Register the results of a verification, for each model and the raw reading.
+    """Register the results of a verification for each model and for the raw reading.
 
-    In one transaction; existing entries of the run aren't changed.
+    This is one transaction; existing entries of the run aren't changed.
     """
     with registry.writing():
         enter_run(registry, RunFolder(record.folder))
@@ -256,7 +256,7 @@ def run_data(folder: RunFolder) -> CalibrationData:
             Message("{path} holds no points of a calibration", folder.path), "a calibration run"
         )
     try:
-        # A bench subtracts its zeros; runs of 0.2.0 don't say so.
+        # A bench subtracts its zeros; runs of version 0.2.0 don't state it.
         measured = folder.metadata.get("kind") != "calibration-table"
         return CalibrationData(**{"tared": measured, **results["data"]})
     except TypeError as error:
@@ -266,7 +266,7 @@ def run_data(folder: RunFolder) -> CalibrationData:
 
 
 def _start(folder: RunFolder) -> dict[str, Any]:
-    """Return the document with which a run began."""
+    """Return the start document of a run."""
     for _, document in folder.documents("start"):
         return document
     raise RecordError(
@@ -275,7 +275,7 @@ def _start(folder: RunFolder) -> dict[str, Any]:
 
 
 def run_profile(folder: RunFolder) -> Profile:
-    """Return the profile that a calibration run has followed, options included."""
+    """Return the profile of a calibration run, options included."""
     start = _start(folder)
     if "profile" not in start:
         raise RecordError(Message("{path} has no profile", folder.path), "a calibration run")
@@ -361,14 +361,14 @@ def registered_patiently(
     register: Callable[[], Result],
     progress: Progress = NO_PROGRESS,
 ) -> Result:
-    """Register the result of a run; progress reports repeated attempts.
+    """Register the result of a run, with repeated attempts that progress reports.
 
     Parameters
     ----------
     registry : Registry
     run_id : str
     register : callable
-        One transaction, which finds what an earlier attempt has registered.
+        One transaction, which can be repeated without duplicates.
     progress : Progress
 
     Raises

@@ -1,4 +1,4 @@
-"""Results of a campaign: values only, for tables, figures and reports."""
+"""Results of a campaign: plain values for tables, figures and reports."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class CompensationResult:
     title : str
         The kind in words, for tables and legends.
     recommended : bool
-        Whether the campaign activates this model.
+        Whether the campaign puts this model into use.
     model : CompensationModel or None
         The fitted model; None for ``"raw"``.
     fit_seconds : float
@@ -96,7 +96,7 @@ class ModuleResult:
     range_nm : float
         Full scale of the module, N·m.
     transducer_serial, counter_identity : str
-        Validity of the models.
+        Transducer and counter for which the models are valid.
     profile_name, profile_hash : str
         The calibration profile and its SHA-256.
     calibration : CalibrationData
@@ -104,9 +104,9 @@ class ModuleResult:
     verification : CalibrationData
         Fresh points off the calibration's grid; `series` is the group, 1 to 10.
     raw : CompensationResult
-        Without compensation.
+        Errors without compensation.
     models : tuple of CompensationResult
-        After each model, the recommended one first.
+        Errors with each model, the recommended one first.
     dense : DenseSweep or None
         Only on the simulated bench.
     run_ids : tuple of str
@@ -128,26 +128,26 @@ class ModuleResult:
 
     @property
     def recommended(self) -> CompensationResult:
-        """The model that the campaign activates."""
+        """The model that the campaign puts into use."""
         return next(result for result in self.models if result.recommended)
 
 
 @dataclass(frozen=True)
 class FitResult:
-    """A model fitted to one table of a measuring chain, beside the alternatives.
+    """A model fitted to one table of a measuring chain, compared with alternatives.
 
     Attributes
     ----------
     source : str
         Name of the table.
     data : CalibrationData
-        Its points.
+        Points of the table.
     comparison : Comparison or None
         All candidates by cross-validation, if requested.
     noise : NoiseFloor or None
         Scatter of repeated points; None where no step was repeated.
     name, title : str
-        The model that was taken, and its kind in words.
+        Name of the fitted model, and its kind in words.
     model : CompensationModel
         Fitted to all points.
     raw, fitted : ErrorSummary
@@ -155,7 +155,7 @@ class FitResult:
     remarks : tuple of str
         Warnings of the fit: outliers, averaged points.
     contradictions : tuple of Contradiction
-        Why the model isn't to be used: what the points contradict.
+        Contradictions of the points, because of which the model must not be used.
     """
 
     source: str
@@ -184,16 +184,16 @@ class FitResult:
 
 @dataclass(frozen=True)
 class DemoResult:
-    """A complete run: both modules calibrated, compensated, verified, and a reducer's friction.
+    """Result of the demo: both modules calibrated, compensated, verified, and a reducer's friction.
 
     Attributes
     ----------
     bench_name : str
         Name in the bench description.
     simulated : bool
-        True where the bench is the twin; every figure from it says so.
+        Whether the bench is simulated; figures are labelled accordingly.
     preset, seed : str, int
-        Which twin.
+        Preset and seed of the simulated bench.
     started : datetime
         Start in UTC.
     bench_seconds, elapsed_seconds : float

@@ -1,4 +1,4 @@
-"""Resume a calibration that was interrupted by a kill, a power cut, an alarm or a person."""
+"""Resume a calibration that was interrupted by a crash, a power failure, an alarm or a person."""
 
 from __future__ import annotations
 
@@ -48,21 +48,21 @@ class InterruptedCalibration:
     Parameters
     ----------
     run_ids : tuple of str
-        The interrupted run last; before it the runs that it had resumed.
+        The runs of the calibration in order, the interrupted run last.
     side : {"input", "output"}
     profile : Profile
-        As the record has it, options included.
+        Profile in the record, options included.
     known : dict
         The start document: range, serials, counter, standard.
     metadata : dict
         Of the interrupted run: bench description, models, mounting.
     steps : tuple of Step
-        Of the whole calibration, or of the coarse series of an adaptive one.
+        Steps of the whole calibration, or of the coarse series of an adaptive one.
     points : tuple of (Step, Row)
-        Every acknowledged point, complete series or not, in measuring order; of a run that was
-        stopped by an alarm all but the last one, in which the cause may have begun.
+        All acknowledged points in measuring order, also of incomplete series; without the last
+        point of a run that an alarm stopped, because the cause of the alarm may have disturbed it.
     interrupted : datetime.datetime
-        When the last point was taken, or the run begun where it has none.
+        Time of the last point, or of the run's start if there is none.
     lost_at_end : int
         Number of documents lost by damage after the last point.
     """
@@ -79,29 +79,29 @@ class InterruptedCalibration:
 
     @property
     def bench(self) -> dict[str, Any]:
-        """The bench's description at the time of the run."""
+        """Description of the bench at the time of the run."""
         found: dict[str, Any] = self.metadata["bench"]
         return found
 
     @property
     def choices(self) -> tuple[list[ModelChoice], str | None]:
-        """The models that it was begun with, and which of them is put into use."""
+        """Models in the run's record, and the one to be put into use."""
         return registered_choices(self.metadata)
 
     @property
     def series(self) -> int:
-        """The series that the calibration continues with, by the profile's clause.
+        """Number of the series with which the calibration is resumed, by the profile's clause.
 
-        Points placed by an adaptive calibration are complete one by one: each is on a branch
-        measured up to it, and none depends on later points. So it continues with a new series of
-        points that are placed by all points so far. If every point was measured, it is one after
-        the last series.
+        The points of an adaptive calibration don't depend on later points, so that an incomplete
+        series is kept. The calibration then continues with a new series, whose points are placed
+        from all points so far. If every point was measured, the number is one after the last
+        series.
         """
         every = sorted({step.series for step in self.steps if step.recorded})
         rest = self._rest(every)
         if not rest:
             rest = [1 + max(step.series for step, _ in self.points)]
-            if self.profile.adaptive is None:  # only the end of the run was missed
+            if self.profile.adaptive is None:  # only the end of the run is missing
                 return rest[0]
         clause = self.profile.interruption
         if clause is None or clause.resume == "series":
@@ -109,7 +109,7 @@ class InterruptedCalibration:
         return _first_of_position(self.steps, min(rest[0], every[-1]))
 
     def _rest(self, every: Sequence[int]) -> list[int]:
-        """Return the profile's series from the first incomplete one on."""
+        """Return the profile's series, beginning with the first incomplete one."""
         taken = self._taken
         last = max((series for series, _ in taken), default=0)
         through = {
@@ -120,7 +120,7 @@ class InterruptedCalibration:
         return list(every[len(complete_series(self.steps, taken | through)) :])
 
     def _gone_through(self, series: int) -> bool:
-        """Return whether a series lacks no more points at its end than damage may have lost."""
+        """Return whether a series lacks only as many points at its end as damage may have lost."""
         own = [step.index for step in self.steps if step.recorded and step.series == series]
         taken = [number for number, index in enumerate(own) if (series, index) in self._taken]
         return bool(taken) and len(own) - 1 - taken[-1] <= self.lost_at_end
@@ -131,7 +131,7 @@ class InterruptedCalibration:
 
     @property
     def damaged(self) -> tuple[Step, ...]:
-        """Points that were taken and whose record is damaged: they alone are measured again."""
+        """Points that were measured and whose record is damaged: only these are repeated."""
         first, taken = self.series, self._taken
         return tuple(
             step
@@ -143,8 +143,9 @@ class InterruptedCalibration:
     def remaining(self) -> tuple[Step, ...]:
         """Steps of the profile that are still to be loaded.
 
-        Those that lead to damaged points; then preloads, zero, and the rest of the profile. Only
-        the preparation of the bench if the profile is complete, as before placing points.
+        These are the steps up to damaged points, then preloads, zero, and the rest of the profile.
+        If the profile is complete, only preloads and zero remain, to be loaded before further
+        points are placed.
         """
         first = self.series
         again = steps_again(self.steps, {(step.series, step.index) for step in self.damaged})
@@ -162,14 +163,14 @@ class InterruptedCalibration:
 
     @property
     def repeated(self) -> int:
-        """Number of acknowledged points that are measured again; their record stays."""
+        """Number of acknowledged points that are measured again; their record is kept."""
         return len(self.points) - len(self.kept)
 
 
 def find_interrupted(registry: Registry, name: str) -> RunSummary:
-    """Return a run by its id, the beginning of it, or "latest" for the newest unfinished one.
+    """Return a run by its id, the beginning of its id, or "latest" (the newest unfinished one).
 
-    The newest unfinished calibration was interrupted and can be resumed, or is measured but not
+    An unfinished calibration was either interrupted and can be resumed, or was measured but not
     registered: see `campaign.finishing`.
 
     Raises
@@ -226,13 +227,13 @@ def read_interrupted(registry: Registry, run: RunSummary) -> InterruptedCalibrat
 
 
 def _read(registry: Registry, run: RunSummary) -> InterruptedCalibration:
-    """Read back a run, whatever was recorded about it since."""
+    """Read back a run, regardless of what was recorded about it afterwards."""
     folder = RunFolder.open(run.folder)
     folder.verify()
     start = next((document for _, document in folder.documents("start")), None)
     taken = list(_points(folder))
     if run.status == "failed" and not _measured(folder):
-        taken = taken[:-1]  # the cause may have begun while the last point was measured
+        taken = taken[:-1]  # the cause of the alarm may have disturbed the last point
     before = _before(registry, folder)
     if start is None:
         raise InputError(
@@ -284,7 +285,7 @@ def resume_calibration(
     now: datetime | None = None,
     **options: Unpack[RunOptions],
 ) -> Measured[StaircaseResult]:
-    """Repeat preload and zero, and continue with the interrupted series, in a new run.
+    """Repeat preloads and zero, and continue with the interrupted series, as a new run.
 
     The result holds the points of both runs; the new run's record names the old one.
 
@@ -300,9 +301,9 @@ def resume_calibration(
     Raises
     ------
     InputError
-        The profile's clause forbids it.
+        The profile doesn't allow resuming, or not any more.
     ModelMismatchError
-        The bench has another transducer, counter, range or standard now.
+        The bench now has another transducer, counter, range or standard.
     """
     moment = now or datetime.now(UTC)
     _check_clause(interrupted, moment)
@@ -374,21 +375,21 @@ def _check_bench(station: Station, interrupted: InterruptedCalibration) -> None:
 def _standards(
     interrupted: InterruptedCalibration, description: BenchDescription
 ) -> Iterator[tuple[str, Any, Any]]:
-    """Yield what the run's record states of the standard, then and now: U comes from it."""
+    """Yield each property of the standard with its value then and now, because U depends on it."""
     now = description.calibrator.model_dump(mode="json")
     for name, recorded in interrupted.bench["calibrator"].items():
-        if name in now and name != "certificate":  # its file may have moved
+        if name in now and name != "certificate":  # the certificate's file may have been moved
             yield f"standard's {name.replace('_', ' ')}", recorded, now[name]
 
 
 def _before(registry: Registry, folder: RunFolder) -> InterruptedCalibration | None:
-    """Return the run that a continuation had resumed."""
+    """Return the run that a resuming run continued."""
     resumed = folder.metadata.get("resumes")
     return _read(registry, registry.run(str(resumed[-1]))) if resumed else None
 
 
 def _measured(folder: RunFolder) -> bool:
-    """Return whether a run's plan ended well, and what failed after it."""
+    """Return whether a run's plan was completed, so that only a later step failed."""
     stops = [document for _, document in folder.documents("stop")]
     return bool(stops) and stops[-1].get("exit_status") == "success"
 
@@ -405,7 +406,7 @@ def _profile(run: RunSummary, start: dict[str, Any]) -> Profile:
 
 
 def _points(folder: RunFolder) -> Sequence[tuple[tuple[int, int], Row, datetime]]:
-    """Return stamp, values and time of every acknowledged point."""
+    """Return step, values and time of every acknowledged point."""
     found = []
     for document in folder.points():
         row = {
@@ -420,10 +421,10 @@ def _points(folder: RunFolder) -> Sequence[tuple[tuple[int, int], Row, datetime]
 def _placed(
     steps: Sequence[Step], stamp: tuple[int, int], row: Row, range_nm: float
 ) -> Step | None:
-    """Return the step of a point placed by an adaptive calibration; None if it can't be rebuilt."""
+    """Return the step of an adaptively placed point; None if it can't be rebuilt."""
     last = next(step for step in reversed(steps) if step.recorded)
     series, index = stamp
-    if "nominal_nm" not in row:  # of version 0.1.0
+    if "nominal_nm" not in row:  # written by version 0.1.0
         return None
     nominal_nm, branch = float(row["nominal_nm"]), int(row["branch"])
     if series <= last.series or abs(nominal_nm) > range_nm or branch not in (1, -1):

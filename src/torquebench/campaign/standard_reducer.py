@@ -32,7 +32,7 @@ FRICTION: RunKind[FrictionSweep, None, None] = RunKind(
     lambda _side: Message("No-load friction of the reducer"),
     lambda devices, _side, settings: friction_sweep(devices, settings),
 )
-"""The sweep of a mounted reducer's input speed, output free; only the run is entered."""
+"""Sweep of a mounted reducer's input speed with the output free; only the run is registered."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class StandardReducer:
     name, certificate : str
     friction : tuple of CertifiedFriction
     max_speed_rpm : float
-        Fastest input speed of its data sheet, 1/min.
+        Largest input speed in its data sheet, 1/min.
     """
 
     name: str
@@ -53,7 +53,7 @@ class StandardReducer:
     max_speed_rpm: float = FrictionSettings().speeds_rpm[-1]
 
     def settings(self, repeats: int = 3, *, both_directions: bool = False) -> FrictionSettings:
-        """Return the sweep over the speeds that certificate and data sheet have."""
+        """Return a sweep over the speeds of the certificate that the data sheet allows."""
         return within_certificate(
             FrictionSettings(repeats=repeats, counter_clockwise=both_directions),
             self.friction,
@@ -63,7 +63,7 @@ class StandardReducer:
 
 @dataclass(frozen=True)
 class StandardReducerCheck:
-    """Known against measured friction.
+    """Comparison of certified and measured friction.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ def certified_reducer(
     description: BenchDescription,
     brought_along: tuple[CertifiedFriction, ...] = (),
 ) -> StandardReducer:
-    """Return the standard reducer of a description, or the simulated bench's.
+    """Return the standard reducer by its description, or that of the simulated bench.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def within_certificate(
     certified: tuple[CertifiedFriction, ...],
     max_speed_rpm: float = float("inf"),
 ) -> FrictionSettings:
-    """Return a sweep over those speeds that the certificate covers.
+    """Return a sweep over the speeds that the certificate covers.
 
     Raises
     ------

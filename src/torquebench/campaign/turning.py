@@ -1,4 +1,4 @@
-"""Rotating chains: identification from empty runs and points at several speeds and temperatures."""
+"""Rotating chains: identification from empty runs, and from points at several temperatures."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ __all__ = ["TurningChain", "identify_turning", "joined_tables"]
 
 @dataclass(frozen=True)
 class TurningChain:
-    """The identified effects, and the points corrected for them.
+    """The identified effects, and the points corrected for these.
 
     Parameters
     ----------
     points : CalibrationData
-        Readings as they would be at standstill and at one temperature, for the static curve.
+        Points with readings converted to standstill and to one temperature, for the static curve.
     effects : tuple of Effect
     remarks : tuple of str
         Effects that weren't identified, and the runs that would identify them.
@@ -53,7 +53,7 @@ def identify_turning(
         With the temperature and the speed of each point; without a speed they are at standstill.
     runs : sequence of EmptyRun
     progress : Progress
-        Told one stage.
+        Receives one stage.
 
     Raises
     ------
@@ -94,14 +94,14 @@ def joined_tables(
 ) -> CalibrationData:
     """Return the points of several tables of one chain, at several temperatures and speeds.
 
-    Of several standards the larger U counts; a table that doesn't state one takes the others'.
+    If the tables have several standards, the larger U counts, also for a table that states none.
 
     Parameters
     ----------
     tables : mapping of str to CalibrationData
         By their names, for messages. One without a speed was measured at standstill.
     remark : callable
-        Called with a sentence where the tables' standards differ.
+        Called with a sentence if the tables' standards differ.
 
     Raises
     ------
@@ -133,23 +133,23 @@ def joined_tables(
 def _remark_standards(
     tables: Mapping[str, CalibrationData], records: str, remark: Callable[[str], object]
 ) -> None:
-    """Say where tables have different standards, or none."""
+    """Call `remark` if tables have different standards, or none."""
     unstated = [name for name, table in tables.items() if table.reference is None]
     stated = {table.reference.certified for table in tables.values() if table.reference is not None}
     if unstated:
         remark(
             Message(
-                "{tables} without U of the standard; that of the other tables is taken: {records}",
+                "{tables} without U of the standard; that of the other tables is used: {records}",
                 ", ".join(unstated),
                 records,
             )
         )
     if len(stated) > 1:
-        remark(Message("tables of several standards, the larger U is taken: {records}", records))
+        remark(Message("tables of several standards, the larger U is used: {records}", records))
 
 
 def _circumstances(points: CalibrationData) -> bool:
-    """Return whether points were measured at several temperatures, or while the chain turned."""
+    """Return whether the points have several temperatures, or were measured on a turning chain."""
     warm, speed = points.temperature_c, points.speed_rpm
     warmed = warm is not None and np.ptp(warm) >= LEAST_KELVIN
     return bool(warmed or (speed is not None and np.max(np.abs(speed)) > 1.0))

@@ -1,4 +1,4 @@
-"""Runs while a module turns, from profile to table: empty runs, calibrations, verifications."""
+"""Runs of a turning module, from profile to table: empty runs, calibrations, verifications."""
 
 from __future__ import annotations
 
@@ -31,9 +31,10 @@ __all__ = ["BegunCalibration", "TurningRun", "measure_turning", "read_begun", "r
 
 COLUMNS = ("time_s", "reading_nm", "speed_rpm", "temperature_c")
 ANGLE = "angle_deg"
-"""A further column, where the encoder counts from a mark."""
+"""Additional column, if the encoder counts from a mark."""
 _RESUMED_AFTER_S = 60.0
-"""Time between the last row of an interrupted run and the first after it; the real one is unknown.
+"""Assumed time between the last row of an interrupted run and the next row, because the real time
+is unknown.
 """
 
 
@@ -51,7 +52,7 @@ CALIBRATION, VERIFICATION = (
     )
     for kind in ("calibration", "verification")
 )
-"""Runs whose results are tables: only the runs themselves are entered into the registry."""
+"""Runs whose results are tables: only the runs themselves are registered."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class TurningRun:
     ----------
     run_id : str
     rows : int
-        Of the table.
+        Number of rows in the table.
     bench_seconds : float
     """
 
@@ -87,7 +88,7 @@ def rehearse_turning(
 
 
 def _without_table(station: Station, side: Side, profile: TurningProfile) -> Plan[Any]:
-    """Return the plan of a whole run that writes no table."""
+    """Return the plan of a whole run, without writing its table."""
     if profile.kind == "dynamics":
         return step_torques(station.devices, side, profile, StepTable())
     if profile.kind != "empty":
@@ -115,7 +116,7 @@ def measure_turning(
     target : pathlib.Path
         CSV file.
     begun : EmptyTable, BegunCalibration or StepTable, optional
-        Of an interrupted run, by `read_begun`.
+        Table of an interrupted run, from `read_begun`.
     wait : bool
         Whether series wait for their temperature.
     **options
@@ -188,7 +189,7 @@ def measure_turning(
 
 
 def _follow_on(table: SeriesTable, station: Station) -> None:
-    """Let the rows of a resumed run follow the earlier ones."""
+    """Shift the times of a resumed run, so that its rows follow the earlier ones."""
     if len(table.rows):
         table.shift_s = table.rows[-1, 0] + _RESUMED_AFTER_S - station.clock.now()
 
@@ -236,7 +237,7 @@ def _measure_steps(
 def _remarks(
     station: Station, side: Side, profile: TurningProfile, series_done: int
 ) -> dict[str, str]:
-    """Return remarks that identify a table's run and state how far it came."""
+    """Return the remarks in a table's file that identify its run and its completed series."""
     module = station.description.module(side)
     series = profile.series()
     if profile.kind in ("calibration", "verification"):

@@ -1,4 +1,4 @@
-"""Models of a module against fresh points of the bench, which are drawn anew each time."""
+"""Verification of models with fresh points of the bench, which are drawn anew each time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ __all__ = ["VERIFICATION", "VerifiedModels", "measure_verification", "verify_on_
 
 @dataclass(frozen=True, eq=False)
 class VerifiedModels:
-    """Fresh points of a verification, and the models compared with them.
+    """Fresh points of a verification, and the models that were compared with them.
 
     `chains` have the bench's limits.
     """
@@ -45,18 +45,18 @@ def verify_on_bench(
     seed: int | None = None,
     **options: Unpack[RunOptions],
 ) -> VerifiedModels:
-    """Measure fresh points, compare models with them and register the outcome.
+    """Measure fresh points, compare models with them, and register the results.
 
     Parameters
     ----------
     station : Station
     side : {"input", "output"}
     profile : Profile
-        Of random torques.
+        Profile of random torques.
     models : mapping of str to ModelEntry
-        Of this module, by name.
+        Models of this module, by name.
     seed : int, optional
-        By default drawn anew.
+        Seed of the points; random by default.
     **options
         See `RunOptions`.
     """
@@ -84,7 +84,7 @@ def measure_verification(
 def _evaluate(
     registry: Registry, measured: Measured[StaircaseResult], _profile: Profile, _progress: Progress
 ) -> VerifiedModels:
-    """Compare the points with the models that the run was begun for."""
+    """Compare the points with the models that the run's record names."""
     data, known = measured.result.data, measured.record.metadata
     numbers: Mapping[str, int] = known[REGISTERS]["models"]
     models = {name: registry.model(int(number)) for name, number in numbers.items()}

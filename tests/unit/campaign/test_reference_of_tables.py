@@ -141,7 +141,8 @@ def test_what_a_person_states_takes_precedence_with_a_note() -> None:
     (effect,) = reference_effect(table(reference=own), given, "a.csv", said.append)
     assert effect == Reference("stated with the fit", given)
     assert said == [
-        "a.csv says U of the standard up to 0.01 N·m; up to 0.025 N·m was given and is taken"
+        "a.csv states U of the standard up to 0.01 N·m; "
+        "the U that was entered, up to 0.025 N·m, is used instead"
     ]
     assert reference_effect(table(reference=own), None, "", pytest.fail) == (own,)
     (same,) = reference_effect(table(reference=own), own.certified, "", pytest.fail)
@@ -154,7 +155,7 @@ def test_a_fit_in_python_takes_the_standard_of_its_table(tmp_path: Path) -> None
     default = tb.fit(tb.read_calibration(path), "polynomial-1")
     (effect,) = (each for each in default.chain.stored if isinstance(each, Reference))
     assert effect.record == "certificate SIM-CERT-2 of SIM-VER-1"
-    with pytest.warns(tb.FitWarning, match="was given and is taken"):
+    with pytest.warns(tb.FitWarning, match="the U that was entered"):
         stated = tb.fit(tb.read_calibration(path), "polynomial-1", reference="0.5 of range")
     assert stated.torque(40.0).expanded_uncertainty_nm > 0.2
     assert default.torque(40.0).expanded_uncertainty_nm < 0.1

@@ -1,4 +1,4 @@
-"""The tests of a reducer, by name, in the order of the full test.
+"""The tests of a reducer by name, in the order of the full test.
 
 Entries import the bench only when used, so that help lists them quickly.
 """
@@ -33,9 +33,10 @@ class ReducerTest:
     about : str
         Driven side, held side and measured quantity, in one sentence.
     axes : tuple of str
-        Live signals of its chart: across and up.
+        Live signals of its chart: horizontal and vertical axis.
     kind : str
-        Module in `kinds` with its settings, plan, evaluation and figures, and the name of these.
+        Name of its module in `kinds`, and of the entry there, with settings, plan, evaluation and
+        figures.
     loads_output : bool
         Whether it loads the output.
     bench_twist : bool
@@ -54,7 +55,7 @@ class ReducerTest:
     empty_run: tuple[Side, ...] = ()
 
     def work(self) -> ReducerTestWork:
-        """Import and return settings, plan, evaluation and figures."""
+        """Import and return the test's settings, plan, evaluation and figures."""
         if not self.kind:
             raise InputError("the plan of the test 'full'", "one of its parts")
         module, _, name = self.kind.partition(".")
@@ -111,7 +112,7 @@ PARTS = (
         empty_run=("input", "output"),
     ),
 )
-"""Order: tests that don't heat the reducer come first."""
+"""Parts of the full test in their order: tests that don't heat the reducer come first."""
 
 TESTS: Mapping[str, ReducerTest] = MappingProxyType(
     {
@@ -125,7 +126,7 @@ TESTS: Mapping[str, ReducerTest] = MappingProxyType(
 
 
 def chosen_tests(name: str) -> tuple[ReducerTest, ...]:
-    """Return the tests of a name; of the full test all parts.
+    """Return the tests of a name; for the full test, all parts.
 
     Raises
     ------

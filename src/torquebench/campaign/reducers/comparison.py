@@ -1,4 +1,4 @@
-"""Runs of one reducer test compared: specimens of a type, or one specimen before and after."""
+"""Comparison of runs of one reducer test: specimens of a type, or one specimen before and after."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from torquebench.uncertainty import Budget
 
 @dataclass(frozen=True)
 class SpecimenQuantity:
-    """One value of a run.
+    """One value from a run.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class SpecimenQuantity:
 
 @dataclass(frozen=True)
 class SpecimenResults:
-    """Results of a run of a reducer test.
+    """Results of one run of a reducer test.
 
     Parameters
     ----------
@@ -66,20 +66,20 @@ class SpecimenResults:
 
 @dataclass(frozen=True)
 class ReducerComparison:
-    """Runs of one test of one type.
+    """Comparison of runs of one test of one type of reducer.
 
     Parameters
     ----------
     specimens : tuple of SpecimenResults
-        Two where they are one specimen before and after.
+        Specimens; two entries for one specimen before and after.
     changes : mapping of str to Change
         Empty for several specimens.
     values : mapping of str to SpecimenComparison
         Empty for before and after.
     same_chain : bool
-        Whether all runs are of one bench with the same models, so that common parts cancel.
+        Whether all runs come from one bench with the same models, so that common errors cancel.
     left_out : int
-        Values that aren't in every run.
+        Number of values that aren't in every run.
     """
 
     specimens: tuple[SpecimenResults, ...]
@@ -90,7 +90,7 @@ class ReducerComparison:
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Names of the values that every run has, as the first run lists them."""
+        """Keys of the values that all runs have, in the order of the first run."""
         return tuple(self.changes or self.values)
 
     @property
@@ -99,17 +99,17 @@ class ReducerComparison:
         return any(each.simulated for each in self.specimens)
 
     def title(self, key: str) -> str:
-        """Return the words for a value."""
+        """Return the title of a value."""
         return self.specimens[0].quantities[key].title
 
 
 def tested_specimen(run: RunSummary) -> SpecimenResults:
-    """Read the results of a run of a reducer test.
+    """Return the results of a run of a reducer test.
 
     Raises
     ------
     InputError
-        It is a run of something else, or wasn't completed.
+        It isn't a run of a reducer test, or wasn't completed.
     """
     folder = RunFolder.open(run.folder)
     results = folder.results

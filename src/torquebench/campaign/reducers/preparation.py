@@ -23,16 +23,16 @@ from torquebench.units import ARCMIN
 
 @dataclass(eq=False)
 class Known:
-    """What is known of the bench, as stated or recorded before a test.
+    """Data of the bench that are stated or recorded before a test.
 
     Parameters
     ----------
     twist_arcmin_per_nm : float or None
-        The bench's own twist as stated, arcmin/(N·m).
+        Stated twist of the bench, arcmin/(N·m).
     twist : BenchTwistRecording or None
-        Recorded against the calibrator.
+        Twist recorded against the calibrator.
     empty : RunningRecording or None
-        Recorded without a reducer.
+        Empty run, recorded without a reducer.
     """
 
     twist_arcmin_per_nm: float | None = None
@@ -40,7 +40,7 @@ class Known:
     empty: RunningRecording | None = None
 
     def needed_by(self, test: ReducerTest) -> Known:
-        """Return the part that the evaluation of a test takes."""
+        """Return only the data that the evaluation of a test needs."""
         return Known(
             self.twist_arcmin_per_nm if test.bench_twist else None,
             self.twist if test.bench_twist else None,
@@ -48,7 +48,7 @@ class Known:
         )
 
     def twists(self) -> dict[Side, TwistCompliance]:
-        """Return the twist of each side; without one that is unknown."""
+        """Return the twist of each side; sides of unknown twist are left out."""
         if self.twist is not None:
             return twist_compliances(self.twist)
         known = self.twist_arcmin_per_nm
@@ -64,15 +64,15 @@ class Known:
 
 @dataclass(frozen=True)
 class Preparation:
-    """A run before the tests, with something else mounted than the reducer.
+    """A run before the tests, without the reducer mounted.
 
     Parameters
     ----------
     name, title : str
     plan : callable
-        Makes its plan.
+        Returns its plan.
     learn : callable
-        Enters the run's recording.
+        Stores the run's recording in `Known`.
     """
 
     name: str
@@ -87,12 +87,12 @@ def preparations(
     settings: ReducerTestSettings,
     rotating: Collection[Side] = (),
 ) -> list[Preparation]:
-    """Return the measurements needed before some tests, one mounting after the other.
+    """Return the measurements that some tests need before, grouped by mounting.
 
     Parameters
     ----------
     tests : collection of ReducerTest
-        The tests that follow.
+        Tests that will be run.
     limits : ReducerLimits
     settings : ReducerTestSettings
     rotating : collection of side

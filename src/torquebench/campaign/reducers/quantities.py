@@ -1,4 +1,4 @@
-"""Quantities of a reducer test with limits and verdicts: values only, for tables and reports."""
+"""Quantities of a reducer test with limits and verdicts: plain values for tables and reports."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ReducerTestQuantity:
     value, expanded_uncertainty, coverage_factor : float
         Estimate and its expanded uncertainty (95.45 % coverage), in `unit`.
     unit : str
-        Of both, and of the limit.
+        Unit of value, uncertainty and limit.
     limit : str
         The data sheet's limit, in words with its unit; empty without a limit.
     verdict : str
@@ -59,11 +59,11 @@ def result_quantities(
     judged : sequence of QuantityVerdict
         Quantities with a limit in the data sheet.
     conditional : bool
-        Whether no limit is met unconditionally, as after a short test.
+        Whether a pass is only conditional, as after a short test.
     """
     limits = {each.key: each for each in judged}
     found = [(each.key, each.title, each.estimate, each.rule) for each in result.quantities()]
-    # A limit between measured points, such as an efficiency, isn't in the list of quantities.
+    # A limit between measured points, for example of an efficiency, has no entry in the quantities.
     known = {key for key, _, _, _ in found}
     found += [
         (each.key, each.title, each.estimate, "interpolated")

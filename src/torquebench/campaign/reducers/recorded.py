@@ -1,4 +1,4 @@
-"""What a reducer test recorded, and its only evaluation: right after the test, and ever again."""
+"""The recording of a reducer test and its evaluation, right after the test or at any later time."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ class EvaluatedTest:
     Parameters
     ----------
     bench : Bench
-        Its data in the evaluation.
+        Data of the bench for the evaluation.
     found : Evaluated
         Result of `torquebench.reducers`, and remarks.
     quantities : tuple of ReducerTestQuantity
-        With the uncertainty of limited sampling, and verdicts.
+        Quantities with verdicts; their uncertainty includes that of limited sampling.
     budgets : mapping of str to Budget
-        Of every quantity, by its key.
+        Budget of every quantity, by its key.
     """
 
     bench: Bench
@@ -46,20 +46,20 @@ class EvaluatedTest:
 
 @dataclass(frozen=True, eq=False)
 class RecordedTest:
-    """Everything that the evaluation of a reducer test takes, except the bench's description.
+    """All inputs of a reducer test's evaluation, except the bench's description.
 
     Parameters
     ----------
     test : str
     reducer : ReducerDescription
     settings : object
-        Of the test's plan.
+        Settings of the test's plan.
     short : bool
         Whether it is a short test.
     known : Known
         Twist and empty run of the bench, as stated or recorded.
     recording : object
-        What the plan recorded.
+        Recording of the plan.
     """
 
     test: TestName
@@ -70,17 +70,17 @@ class RecordedTest:
     recording: Any
 
     def file(self) -> bytes:
-        """Return the content of the file in the run's folder."""
+        """Return the content of the file that is stored in the run's folder."""
         return recording_file(self)
 
     @classmethod
     def read(cls, content: bytes, origin: str) -> Self:
-        """Read the file that `file` wrote.
+        """Rebuild the recording from the content that `file` returned.
 
         Raises
         ------
         RecordError
-            It isn't such a file, or this version doesn't know what it holds.
+            It isn't such a file, or its content is unknown to this version.
         """
         plain = recording_content(content, origin)
         if not isinstance(plain, dict) or plain.get("test") not in TESTS:
@@ -104,17 +104,17 @@ class RecordedTest:
         )
 
     def evaluated(self, description: BenchDescription) -> EvaluatedTest:
-        """Evaluate the test with this version.
+        """Evaluate the test with this version of torquebench.
 
         Parameters
         ----------
         description : BenchDescription
-            Of the bench at that time.
+            Description of the bench at the time of the test.
 
         Raises
         ------
         InputError
-            What was recorded can't be evaluated.
+            The recording can't be evaluated.
         """
         work = TESTS[self.test].work()
         bench = Bench(description, self.known.twists(), self.known.tares(self.reducer.signed_ratio))

@@ -1,4 +1,4 @@
-"""Results of a reducer test: values only, for tables, figures, reports and the panel."""
+"""Results of a reducer test: plain values for tables, figures, reports and the panel."""
 
 from __future__ import annotations
 
@@ -37,24 +37,24 @@ class ReducerTestOutcome:
     name : str
         Name of the test, one of ``TESTS`` but not ``"full"``.
     title : str
-        The same in words.
+        Name of the test in words.
     quantities : tuple of ReducerTestQuantity
-        What it found.
+        Results with limits and verdicts.
     verdict : str
         The worst verdict of its quantities; empty without limits.
     remarks : tuple of str
         Remarks: nominal uncertainties, points that didn't settle.
     findings : tuple of Finding
-        What is wrong with the data; a severe one forbids a verdict.
+        Defects of the data; a severe one forbids a verdict.
     recording : object
-        What the plan recorded (a frozen dataclass of arrays).
+        Recording of the plan (a frozen dataclass of arrays).
     result : object
         The evaluated result (a frozen dataclass of `torquebench.reducers`).
     run : RunRecord
         The run and its folder; its ``results.json`` holds the quantities.
     short : bool
-        Whether it is a short test: the reduced sampling is in the uncertainties, and no limit is
-        met unconditionally.
+        Whether it is a short test: its uncertainties include the reduced sampling, and a pass is
+        only conditional.
     """
 
     name: TestName
@@ -81,9 +81,9 @@ class ReducerTestFailure:
     Attributes
     ----------
     name, title : str
-        Which part.
+        Name of the part.
     message : str
-        What went wrong, what is allowed, what to do.
+        The error: what was found, what is allowed, what to do.
     remedy : str
         Additional remedy; empty if the message has it.
     """
@@ -111,12 +111,12 @@ class ReducerTestRecord:
     failures : tuple of ReducerTestFailure
         Parts of a full test without a result.
     simulated : bool
-        Whether every figure has to say "simulated".
+        Whether figures must be labelled "simulated".
     started : datetime
         In UTC.
     bench_name, operator, software_version : str
     bench_seconds : float
-        Bench time that it took, s.
+        Duration in bench time, s.
     """
 
     name: TestName
@@ -144,14 +144,14 @@ class ReducerTestRecord:
 
     @property
     def failed(self) -> bool:
-        """Whether a limit isn't kept, a finding forbids a verdict, or a part has no result."""
+        """Whether a limit is exceeded, a finding forbids a verdict, or a part has no result."""
         severe = any(each.severe for each in self.outcomes)
         return self.verdict.failed or bool(self.failures) or severe
 
 
 @dataclass(frozen=True)
 class ReducerTestRehearsal:
-    """Rehearsal of a reducer test, checked against all limits, before anything moves.
+    """Rehearsal of a reducer test: its plan, checked against all limits before anything moves.
 
     Attributes
     ----------
@@ -159,7 +159,7 @@ class ReducerTestRehearsal:
     duration_s : float
         Bench time without waiting for steady temperature or settling, s.
     longest_s : float
-        The same with all repeats that a test may add until its means are known well enough, s.
+        The same with all repeats that a test may add until its means are certain enough, s.
     longest_warm_up_s : float
         Additional time of the warm-up at most, s.
     points : int
@@ -167,7 +167,7 @@ class ReducerTestRehearsal:
     largest_torque_nm, largest_speed_rpm : mapping of side to float
         Largest commanded value of each side.
     modes : mapping of side to tuple of str
-        Modes that each side is in, in order.
+        Modes of each side, in order.
     """
 
     name: str
@@ -182,7 +182,7 @@ class ReducerTestRehearsal:
 
 
 def plain_budget(estimate: Budget) -> dict[str, Any]:
-    """Return an estimate and its contributions for JSON; unlimited degrees of freedom are null."""
+    """Return a budget as JSON values; unlimited degrees of freedom become null."""
 
     def freedom(value: float) -> float | None:
         return value if isfinite(value) else None
@@ -209,7 +209,7 @@ def plain_budget(estimate: Budget) -> dict[str, Any]:
 
 
 def budget_from_plain(plain: Mapping[str, Any]) -> Budget:
-    """Return the estimate that `plain_budget` wrote.
+    """Rebuild the budget from the values of `plain_budget`.
 
     Examples
     --------

@@ -1,8 +1,8 @@
 """Uncertainty due to the limited sampling of a reducer test.
 
-A short test takes fewer output positions and a cold reducer. Its own repeats can't show how values
-vary over the turn, or how friction falls while the reducer warms up. Both enter every budget with
-stated limits, so that less sampling never gives a smaller U.
+A short test has fewer output positions and a cold reducer. Its repeats can't show how values vary
+over the turn, or how friction falls while the reducer warms up. Both enter every budget with stated
+limits, so that less sampling never gives a smaller U.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from torquebench.reducers import DataSheetLimits, LimitedQuantity, ResultQuantity
 
 LEAST_POSITIONS = 3
-"""From this many output positions on, the variation over the turn is estimated from them."""
+"""Number of output positions from which on their own scatter shows the variation over the turn."""
 POSITION_SHARE = 0.03
 """Standard deviation of a value from one output position to the next, as a share of it. It is an
 assumption: the simulated reducers show 0.3 to 1 %, and worn gears vary more.
@@ -33,16 +33,16 @@ lubricant whose viscosity falls by 2 to 3 % per kelvin.
 
 @dataclass(frozen=True)
 class Unsampled:
-    """One influence that a test didn't sample.
+    """An influence that a test didn't sample.
 
     Parameters
     ----------
     name : str
-        Of its contribution to the budgets.
+        Name of its contribution to the budgets.
     remark : str
-        The omission, and its substitute.
+        Sentence about the omission and the assumed value.
     standard_uncertainty : callable
-        Returns it for a value, in the value's unit.
+        Returns the standard uncertainty for a value, in the value's unit.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Unsampled:
 
 
 def few_positions(positions: int) -> tuple[Unsampled, ...]:
-    """Return the influence of too few output positions; none from `LEAST_POSITIONS` on.
+    """Return the influence of too few output positions; none with `LEAST_POSITIONS` or more.
 
     Examples
     --------
@@ -81,7 +81,7 @@ _COLD = Message(
 
 
 def cold_friction(warm_up_s: float) -> tuple[Unsampled, ...]:
-    """Return by how much a friction torque may still fall without warming up."""
+    """Return the influence of a missing warm-up on a friction torque, which may still fall."""
     if warm_up_s > 0.0:
         return ()
     share = WARMING_SHARE / sqrt(3.0)
@@ -89,7 +89,7 @@ def cold_friction(warm_up_s: float) -> tuple[Unsampled, ...]:
 
 
 def cold_efficiency(warm_up_s: float) -> tuple[Unsampled, ...]:
-    """Return by how much an efficiency in % may still rise without warming up.
+    """Return the influence of a missing warm-up on an efficiency in %, which may still rise.
 
     With the lost share 1 − η, dη = η·(1 − η)·d(loss)/loss.
     """

@@ -17,7 +17,7 @@ from torquebench.reducers import ReducerDescription
 
 
 def reducer_limits(reducer: ReducerDescription) -> ReducerLimits:
-    """Return the limits of a plan, from a reducer's data sheet."""
+    """Return the limits of a plan from a reducer's data sheet."""
     return ReducerLimits(
         ratio=reducer.signed_ratio,
         rated_torque_nm=reducer.rated_torque_nm,
@@ -35,17 +35,18 @@ class ReducerTestSettings:
     plans : mapping of str to object
         Settings of each test's plan, by the test's name.
     bench_twist : BenchTwistSettings or None
-        How the bench's own twist is measured against the calibrator before torque-angle loops;
-        None leaves it out.
+        Settings for measuring the bench's twist against the calibrator before torque-angle loops;
+        None skips it.
     empty_run : EmptyRunSettings or None
-        Empty run of both shafts before no-load torque and efficiency, whose readings are
-        subtracted; None leaves it out.
+        Settings of the empty run of both shafts before no-load torque and efficiency, whose
+        readings are subtracted; None skips it.
     tare_always : bool
-        Whether that is done even if the measuring chains correct the effects of rotation.
+        Whether the empty run is measured even if the measuring chains correct the effects of
+        rotation.
     twist_arcmin_per_nm : float or None
         The bench's own twist if known, arcmin/(N·m); it isn't measured then.
     is_short : bool
-        Whether the test is short: results are marked short, and no limit is met unconditionally.
+        Whether the test is short: results are marked short, and a pass is only conditional.
     """
 
     plans: Mapping[str, Any] = field(
@@ -58,24 +59,24 @@ class ReducerTestSettings:
     is_short: bool = False
 
     def repeated(self, name: str) -> RepeatedSettings | None:
-        """Return the settings of a test that repeats until its means are known; else None."""
+        """Return the settings of a test that repeats until its means are certain, or None."""
         plan = self.plans[name]
         return plan if isinstance(plan, RepeatedSettings) else None
 
     def with_plans(self, changed: Mapping[str, Any]) -> Self:
-        """Return the settings with others for some tests, by the tests' names."""
+        """Return the settings with those of some tests replaced, by the tests' names."""
         return replace(self, plans={**self.plans, **changed})
 
     def longest(self) -> Self:
-        """Return the settings with all repeats that tests may add."""
+        """Return the settings with the largest number of repeats that tests may add."""
         repeated = {name: self.repeated(name) for name in self.plans}
         return self.with_plans({name: each.longest() for name, each in repeated.items() if each})
 
     def with_repeats(self, most: int) -> Self:
-        """Return the settings with so many repeats of running tests at most, and of the empty run.
+        """Return the settings with at most so many repeats of running tests and of the empty run.
 
-        Small torques scatter with every change of speed as larger ones do: only repeats average
-        that, in the test and in the empty run.
+        Every change of speed adds a scatter that is the same for small and large torques: only
+        repeats average it, in the test and in the empty run.
 
         Raises
         ------
@@ -93,7 +94,7 @@ class ReducerTestSettings:
         )
 
     def with_loops(self, loops: int | None = None, positions: int | None = None) -> Self:
-        """Return the settings with other numbers of loops and output positions; None keeps one."""
+        """Return the settings with new numbers of loops and positions; None keeps a number."""
         settings = self.plans["hysteresis"]
         if loops is not None:
             settings = replace(settings, loops=loops)
@@ -103,7 +104,7 @@ class ReducerTestSettings:
 
     @classmethod
     def short(cls) -> Self:
-        """Return settings of a short test: few points, no warming up, no empty run."""
+        """Return settings of a short test: few points, no warm-up, no empty run."""
         return cls(
             plans={test.name: test.work().short for test in PARTS},
             bench_twist=BenchTwistSettings(cycles=1),

@@ -23,7 +23,7 @@ from torquebench.uncertainty import Verdict
 
 @dataclass
 class Specimen:
-    """One reducer on one bench, tested once or several times."""
+    """A reducer on a bench, tested once or several times."""
 
     station: Station
     reducer: ReducerDescription
@@ -36,7 +36,7 @@ class Specimen:
         self.known = Known(twist_arcmin_per_nm=self.settings.twist_arcmin_per_nm)
 
     def prepare(self, preparation: Preparation) -> None:
-        """Measure something of the bench itself."""
+        """Measure a property of the bench itself before the tests."""
 
         def plan() -> Plan[Any]:
             return preparation.plan(self.station.devices)
@@ -63,7 +63,7 @@ class Specimen:
             evaluations.append(kept[-1].evaluated(self.station.description))
             return self._results(test, evaluations[-1])
 
-        # A rehearsal records nothing that could be evaluated.
+        # A rehearsal records nothing to evaluate.
         kind = f"test-{test.name}-short" if short else f"test-{test.name}"
         title = Message("{title}, short test", test.title) if short else test.title
         run = self._run(
@@ -117,7 +117,7 @@ class Specimen:
         ).record
 
     def _equipment(self) -> dict[str, Any] | None:
-        """Return the specimen as an item of equipment; None without a serial number."""
+        """Return the specimen as a piece of equipment; None without a serial number."""
         if not self.serial:
             return None
         reducer = self.reducer

@@ -40,7 +40,7 @@ def rehearse_reducer_test(
     """Rehearse the plans of a test.
 
     Preparatory measurements (twist of the bench, empty run) come first. A test that repeats until
-    its means are known is rehearsed with the smallest and the largest number of repeats.
+    its means are certain enough is rehearsed with the smallest and the largest number of repeats.
 
     Raises
     ------
@@ -137,10 +137,10 @@ def run_reducer_test(
     serial: str = "",
     **options: Unpack[RunOptions],
 ) -> ReducerTestRecord:
-    """Test the reducer; every part is a separate run, named ``test-NAME``.
+    """Test the reducer; every part is a run of its own, named ``test-NAME``.
 
-    All parts are rehearsed before the first of them moves anything. A part of the full test that
-    fails is kept as a failure, and the others go on.
+    All parts are rehearsed before anything moves. If a part of the full test fails, its failure is
+    recorded, and the other parts are run.
 
     Parameters
     ----------
@@ -158,11 +158,11 @@ def run_reducer_test(
     Raises
     ------
     InputError
-        There is no test of this name, or what was recorded can't be evaluated.
+        There is no test of this name, or the recording can't be evaluated.
     LimitError, InterlockError, ModelMismatchError
         Before anything moves.
     RunAbortedError
-        Somebody ended the run.
+        A person aborted the run.
     SignalFault, BenchError
         The test failed; the bench is without torque.
     """
@@ -193,7 +193,7 @@ def run_reducer_test(
 def _all_parts(
     specimen: Specimen, name: str
 ) -> tuple[tuple[ReducerTestOutcome, ...], tuple[ReducerTestFailure, ...]]:
-    """Run all parts; if one of several fails, the results of the others are kept."""
+    """Run all parts; if one part of several fails, continue with the others."""
     tests, station = chosen_tests(name), specimen.station
     outcomes: list[ReducerTestOutcome] = []
     failures: list[ReducerTestFailure] = []

@@ -1,4 +1,4 @@
-"""The bench's own twist, measured against the clamped calibrator and subtracted from loops."""
+"""The bench's own twist, measured against the locked calibrator and subtracted from loops."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from torquebench.reducers.preparation import turning_points
 FloatArray = NDArray[np.float64]
 
 TWIST_LEVELS = 40
-"""Levels of torque on each side of zero between which the twist is treated as linear."""
+"""Number of torque levels on each side of zero, between which the twist is interpolated
+linearly."""
 
 
 @dataclass(frozen=True)
 class TwistCompliance:
     """Twist of the bench between an encoder and the flange beside it.
 
-    The twist follows the torque in the transducer, while the torque also includes the part taken by
-    bearings and splines: the twist is nonlinear over the torque.
+    The twist is nonlinear over the torque, because bearings and splines carry a part of the torque.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class TwistCompliance:
         Slope over the whole range of torque.
     standard_uncertainty_rad_per_nm : float
     source : str
-        Its source, for the record.
+        Origin of the values, for the record.
     level_nm, bend_rad : tuple of float
         Torques, increasing, and the twist's deviation from the straight line there; none if only a
         slope is known.
@@ -71,9 +71,9 @@ def twist_compliances(recording: BenchTwistRecording) -> dict[Side, TwistComplia
 def twist_compliance(torque_nm: FloatArray, angle_rad: FloatArray, source: str) -> TwistCompliance:
     """Return a side's twist from cycles 0 → +T → −T → 0 against the held calibrator.
 
-    The slope of angle over torque by least squares, and the mean deviation from it at levels of
-    torque. Rising and falling legs have equal weights, so that the shaft's hysteresis cancels. The
-    uncertainty is half the difference of the legs, in slope and level by level.
+    It consists of the least-squares slope of angle over torque, and of the mean deviation from it
+    at levels of torque. Rising and falling legs have equal weights, so that the shaft's hysteresis
+    cancels. The uncertainty is half the difference of the legs, for the slope and at each level.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def twist_compliance(torque_nm: FloatArray, angle_rad: FloatArray, source: str) 
 
 
 def _rising(torque_nm: FloatArray) -> NDArray[np.bool_]:
-    """Return which samples belong to legs with rising torque, regardless of noise."""
+    """Return which samples belong to legs of rising torque, unaffected by noise."""
     rising = np.zeros(torque_nm.size, dtype=np.bool_)
     for start, stop in pairwise(turning_points(torque_nm).tolist()):
         rising[start : stop + 1] = torque_nm[stop] > torque_nm[start]

@@ -1,4 +1,4 @@
-"""The bench's contribution to the uncertainty of a reducer test, and its corrections."""
+"""The bench's contributions to the uncertainty of a reducer test, and its corrections."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ reported for such benches (Measurement and Control, 2022, introduction).
 """
 REPEATABILITY_SHARE = 2e-4
 """Standard deviation of a chain's torque after load changes, as a share of full scale: data sheets
-of such transducers state 0.01-0.03 %. It is constant while the torque is, so that only repeats
-average it; where there are repeats, their spread is used instead.
+of such transducers state 0.01-0.03 %. It doesn't change while the load stays, so that only repeats
+average it; if there are repeats, their spread is used instead.
 """
 
 LARGE = 0.5
@@ -43,9 +43,9 @@ class Bench:
     ----------
     description : BenchDescription
     twists : mapping of side to TwistCompliance
-        Between each encoder and its flange; missing if unknown.
+        Twist between each encoder and its flange; missing if unknown.
     tares : mapping of side to Tare
-        Of an empty run; missing without one.
+        Empty run of each side; missing without one.
     """
 
     description: BenchDescription
@@ -60,7 +60,7 @@ def uncompensated_uncertainty_nm(bench: Bench, side: Side) -> float:
 
 
 def bench_remarks(bench: Bench, compensated: dict[Side, bool], sides: Sequence[Side]) -> list[str]:
-    """Say which torque isn't compensated."""
+    """Return remarks on torques that aren't compensated."""
     return [
         Message(
             "the {side} torque is not compensated: its uncertainty is the "
@@ -81,19 +81,19 @@ def resolution_rad(bench: Bench, side: Side) -> float:
 
 
 def temperature_remarks(temperature_c: float) -> list[str]:
-    """Say how warm the reducer was, where that was measured."""
+    """Return a remark on the reducer's temperature, if it was measured."""
     return (
         [Message("reducer at {value:.1f} °C", temperature_c)] if np.isfinite(temperature_c) else []
     )
 
 
 def finite_temperature(temperature_c: FloatArray) -> FloatArray | None:
-    """Return temperatures that were measured throughout; None for others."""
+    """Return the temperatures if all of them were measured, else None."""
     return temperature_c if np.isfinite(temperature_c).all() else None
 
 
 def tare_remarks(bench: Bench, running: RunningRecording) -> list[str]:
-    """State whether an empty run was subtracted, or what replaces it."""
+    """Return remarks on whether an empty run was subtracted, or what replaces it."""
     corrected = {
         side: stated
         for side, stated in running.stated.items()
@@ -126,7 +126,7 @@ def tare_remarks(bench: Bench, running: RunningRecording) -> list[str]:
 
 
 def drift_remarks(running: RunningRecording) -> list[str]:
-    """Say how many points hadn't settled."""
+    """Return a remark on the number of points that hadn't settled."""
     if not running.unsettled:
         return []
     return [
@@ -175,7 +175,7 @@ def without_tare(
     side: Side,
     known: tuple[TorqueUncertainty, ...],
 ) -> tuple[FloatArray, tuple[TorqueUncertainty, ...]]:
-    """Subtract an empty run from torques, and add what is uncertain of it."""
+    """Subtract an empty run from torques, and add its uncertainty."""
     tare = bench.tares.get(side)
     if tare is None:
         return torque_nm, known
@@ -197,10 +197,10 @@ def without_tare(
 def torque_uncertainty(
     bench: Bench, recording: RunningRecording, side: Side
 ) -> tuple[TorqueUncertainty, ...]:
-    """Return the uncertainty of a side's torque at each point beyond the scatter of the repeats.
+    """Return the uncertainty of a side's torque at each point, without the scatter of the repeats.
 
-    It consists of the measuring chain's components at the point, by what shares their errors
-    (`TorqueParts`), less what an empty run has of them too.
+    It consists of the measuring chain's components at the point, grouped by what shares their
+    errors (`TorqueParts`), without the errors that an empty run cancels.
     """
     zeros, stated = recording.zero_uncertainty_nm[side], recording.stated[side]
     tare = bench.tares.get(side)
@@ -224,7 +224,7 @@ def torque_uncertainty(
 
 
 def _without_chain(bench: Bench, side: Side, zero_nm: float, *, tared: bool) -> TorqueUncertainty:
-    """Return the reported limit of a chain without compensation, and those of its rotation."""
+    """Return the published error limit of an uncompensated chain, and those of rotation."""
     module = bench.description.module(side)
     known = TorqueUncertainty(
         zero_nm=zero_nm,
@@ -249,7 +249,8 @@ def _without_chain(bench: Bench, side: Side, zero_nm: float, *, tared: bool) -> 
 
 
 _RPM = 1000.0
-"""Speed at which the effect of rotation is taken: its zero grows in proportion to the speed."""
+"""Speed at which the effect of rotation is evaluated; its zero error is proportional to the
+speed."""
 
 
 def torque_of_loading(parts: TorqueParts, torque_nm: FloatArray) -> TorqueUncertainty:

@@ -16,22 +16,22 @@ from torquebench.reducers import ReducerDescription, ReducerResult
 
 @runtime_checkable
 class RepeatedSettings(Protocol):
-    """Settings of a warm test that repeats until its means are known well enough."""
+    """Settings of a warm test that is repeated until its means are certain enough."""
 
     @property
     def warm_up(self) -> WarmUp:
-        """Before the first point."""
+        """Settings of the warm-up before the first point."""
 
     def longest(self) -> Any:
         """Return the settings with the largest number of repeats."""
 
     def with_repeats(self, most: int) -> Any:
-        """Return the settings with so many repeats at most."""
+        """Return the settings with at most so many repeats."""
 
 
 @dataclass(frozen=True)
 class Evaluated:
-    """A result, and remarks for its reader."""
+    """A result with remarks for its reader."""
 
     result: ReducerResult
     remarks: tuple[str, ...]
@@ -44,11 +44,11 @@ class ReducerTestWork:
     Parameters
     ----------
     settings, short : object
-        Settings of its plan: for a full test, and for a short one.
+        Settings of its plan, for a full test and for a short one.
     recording : type
-        What its plan records.
+        Type of the plan's recording.
     plan : callable
-        Makes its plan from the devices, the reducer's limits and the settings.
+        Returns its plan for the devices, the reducer's limits and the settings.
     evaluate : callable
         Turns the recorded data into a result.
     figures : callable

@@ -51,7 +51,10 @@ def dynamics(
         typer.Option(min=1e-9, help="Of motor and shaft up to the transducer, kg·m², data sheet."),
     ] = None,
     motor_inertia_u: Annotated[
-        float, typer.Option(min=0, max=100, help="Its expanded uncertainty (k = 2), %.")
+        float,
+        typer.Option(
+            min=0, max=100, help="Expanded uncertainty (k = 2) of that moment of inertia, %."
+        ),
     ] = 6.0,
 ) -> None:
     """Identify resonance, damping and lag of a chain, and design the inverse filter.

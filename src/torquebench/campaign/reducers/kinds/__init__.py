@@ -1,1 +1,1 @@
-"""One file a test of a reducer: settings, plan, evaluation on this bench, and figures."""
+"""The tests of a reducer, one file each: settings, plan, evaluation on this bench, and figures."""

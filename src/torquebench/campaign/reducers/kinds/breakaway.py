@@ -43,9 +43,10 @@ __all__ = ["BACK_DRIVING", "STARTING"]
 FloatArray = NDArray[np.float64]
 
 PRESLIDING_RAD: dict[Side, float] = {"input": 0.5 * DEGREE, "output": 0.05 * DEGREE}
-"""Movement of elastic contacts, backlash and wind-up before a side is treated as turning."""
+"""Largest movement by elastic contacts, backlash and wind-up while a side still counts as at
+rest."""
 TAKEN_AWAY = 0.85
-"""Share of a ramp's largest torque below which the drive has released the torque."""
+"""Share of a ramp's largest torque below which the torque counts as released."""
 
 
 def _plan(
@@ -65,7 +66,8 @@ def _evaluate(bench: Bench, _reducer: ReducerDescription, ramps: BreakawayRecord
     known = TorqueUncertainty(model_nm=uncompensated_uncertainty_nm(bench, side))
     if ramps.compensated:
         known = torque_of_loading(TorqueParts.joined([part[3] for part in parts]), torque)
-        # every ramp has a zero of its own: none cancels in the mean of both directions
+        # every ramp has its own zero, so that zero errors don't cancel in the mean of both
+        # directions
         loading = float(np.hypot(known.loading_nm, known.zero_nm))
         known = replace(known, loading_nm=loading, zero_nm=0.0)
     result = evaluate_breakaway(
@@ -85,9 +87,9 @@ def _evaluate(bench: Bench, _reducer: ReducerDescription, ramps: BreakawayRecord
 
 
 def _rising(ramp: Breakaway, side: Side) -> tuple[FloatArray, FloatArray, FloatArray, TorqueParts]:
-    """Cut a ramp before the torque is removed again.
+    """Return the part of a ramp before the torque is removed.
 
-    Once the reducer turns, the torque hardly rises: its maximum may be anywhere after that.
+    Once the reducer turns, the torque hardly rises, so that its maximum may be at any later time.
     """
     recording = ramp.recording
     torque = recording.torque_nm(side) - ramp.standing_nm

@@ -56,7 +56,7 @@ def _plan(
 def _loop_uncertainty(
     bench: Bench, ratio: float, loops: LoopRecording, recording: SynchronousRecording
 ) -> LoopUncertainty:
-    """Split the torque's uncertainty by how the errors act on a loop."""
+    """Split the torque's uncertainty by the influence of its errors on a loop."""
     unsure = {side: each.standard_uncertainty_rad_per_nm for side, each in bench.twists.items()}
     twist = float(np.hypot(unsure.get("output", 0.0), unsure.get("input", 0.0) / ratio**2))
     known = LoopUncertainty(
@@ -78,7 +78,7 @@ def _loop_uncertainty(
         torque_mounting=large.mounting_nm / root_mean_square(size[size > LARGE * np.max(size)]),
         torque_zero_nm=large.zero_nm,
         # A reducer's loop is an inner loop of the chain's own hysteresis: the model's residual
-        # hysteresis separates the branches at every torque, not less near zero.
+        # hysteresis separates the branches at every torque, near zero as much as elsewhere.
         torque_branch_nm=root_mean_square(parts.curve_nm),
         torque_loading_nm=loading,
     )
@@ -100,8 +100,8 @@ def _evaluate(bench: Bench, reducer: ReducerDescription, loops: LoopRecording) -
     )
     torque = recording.output_torque_nm
     if flange is not None:
-        # The chain knows the acceleration of a block, the encoder's angles here that of a window:
-        # the inertia is corrected once, by the finer one.
+        # The chain knows the acceleration of a block of samples, the angles give that of a shorter
+        # window: inertia is corrected once, with the finer one.
         torque = torque - recording.output_inertia_nm
     result = evaluate_hysteresis(
         torque,
@@ -122,7 +122,7 @@ def _evaluate(bench: Bench, reducer: ReducerDescription, loops: LoopRecording) -
 
 
 def _described_flange(bench: Bench) -> FlangeInertia | None:
-    """Return the part that twists between the output's transducer and the reducer, if described."""
+    """Return the inertia between the output's transducer and the reducer, if described."""
     module = bench.description.output
     if module.flange_inertia_kgm2 is None:
         return None
@@ -139,7 +139,7 @@ def _flange_remark(flange: FlangeInertia | None) -> str:
 
 
 def _flange_angle_rad(bench: Bench, recording: SynchronousRecording, side: Side) -> FloatArray:
-    """Return the angle of a flange: the encoder's angle less the twist of the bench between them.
+    """Return a flange's angle: the encoder's angle less the bench's twist between them.
 
     The locked input also twists. Its shaft carries the torque T/R, and its twist divided by the
     ratio appears at the output.
@@ -160,7 +160,7 @@ def _twist_remarks(bench: Bench) -> list[str]:
 
 
 def _figure(result: HysteresisResult) -> str:
-    """Draw all torque-angle loops, and the first one's key points around zero."""
+    """Draw all torque-angle loops, and the key points of the first loop around zero."""
     with styled():
         figure, (whole, near) = new_figure(6.4, 2)
         positions = sorted({loop.position for loop in result.loops})

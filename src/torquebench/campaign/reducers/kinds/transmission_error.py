@@ -32,10 +32,10 @@ from torquebench.units import ARCMIN, ARCSEC, DEG_PER_RAD, TURN
 
 
 def _encoder_rad(bench: Bench, side: Side, certified_rad: float | None) -> float:
-    """Return the standard uncertainty of an encoder from resolution and error over a turn.
+    """Return an encoder's standard uncertainty, from its resolution and its error over a turn.
 
-    The stated accuracy is the amplitude of a sine over one turn, hence divided by √2; where a
-    certificate's correction is applied, its uncertainty remains.
+    The stated accuracy is the amplitude of a sine over one turn, hence divided by √2; with a
+    certificate's correction, only the uncertainty of that remains.
     """
     if certified_rad is not None:
         return float(np.hypot(resolution_rad(bench, side) / np.sqrt(12.0), certified_rad))
@@ -141,7 +141,7 @@ def _polar(result: TransmissionErrorResult) -> str:
 
 
 def _over_strokes(result: SwingsResult) -> str:
-    """Draw the error of each stroke over the angle: the gap between both directions."""
+    """Draw the error of each stroke over the angle, with the gap between both directions."""
     middle = float(np.mean(np.concatenate([stroke.error_rad for stroke in result.swings])))
     with styled():
         figure, (axes,) = new_figure(3.2)
