@@ -1,4 +1,4 @@
-"""From a reading to torque, uncertainty and budget, in one place for every interface.
+"""From readings to torque, uncertainty and budget, in one place for every interface.
 
 A measuring chain is a sum of effects whose errors may be correlated. Pure: arrays in, `Torque` out.
 """

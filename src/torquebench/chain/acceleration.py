@@ -1,4 +1,4 @@
-"""Angular acceleration from a speed sampled at an even rate."""
+"""Angular acceleration from a speed that is sampled at an even rate."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from torquebench.units import RAD_S_PER_RPM
 __all__ = ["LEARNED", "AccelerationBySpeed"]
 
 _WANTED_RAD_S2 = 0.3
-"""Largest standard uncertainty caused by noise of the speed: 1 % of a ramp of 300 rpm/s."""
+"""Largest standard uncertainty caused by noise of the speed, rad/s²: 1 % of a ramp of 300 rpm/s."""
 _LONGEST_S = 0.25
 LEARNED = 4096
-"""First samples of a record, from which noise and step are estimated, however it is cut."""
+"""Number of first samples of a record from which noise and step are estimated, however it is
+cut."""
 _GAP_STEPS = 1.5
 _MEDIAN_OF_SQUARES = 0.4549
 # variance of the third difference of white noise, as a multiple of the noise's
@@ -24,7 +25,7 @@ _THIRD_DIFFERENCE = 20.0
 
 @dataclass(frozen=True)
 class AccelerationBySpeed:
-    """Slope of the speed over as few samples as its noise allows.
+    """Angular acceleration: slope of the speed over as few samples as its noise allows.
 
     Parameters
     ----------
@@ -53,7 +54,7 @@ class AccelerationBySpeed:
 
     @classmethod
     def of(cls, time_s: FloatArray, speed_rpm: FloatArray) -> AccelerationBySpeed:
-        """Return the evaluation over the fewest samples whose noise is low enough, by a record.
+        """Choose the smallest number of samples with which a record's noise is low enough.
 
         Parameters
         ----------
@@ -75,7 +76,7 @@ class AccelerationBySpeed:
 
     @property
     def context(self) -> int:
-        """Samples before and after a block that its accelerations depend on."""
+        """Number of samples before and after a block on which its accelerations depend."""
         return self.half_width
 
     def __call__(self, time_s: FloatArray, speed_rpm: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -84,7 +85,7 @@ class AccelerationBySpeed:
         Parameters
         ----------
         time_s, speed_rpm : float64 array of shape (n,)
-            Rising times; where samples are missing, no slope is taken across.
+            Rising times; no slope is calculated across missing samples.
         """
         slope, deviation = np.zeros((2, speed_rpm.size))
         step = np.diff(time_s)
@@ -100,7 +101,7 @@ class AccelerationBySpeed:
         count = speed_rpm.size
         slope, change = np.zeros((2, count))
         for half in range(min(self.half_width, (count - 1) // 2), 0, -1):
-            # the widest window where it fits, narrower ones near the ends
+            # the widest window if it fits, narrower windows near the ends
             inner = half == self.half_width
             rows = (
                 np.arange(half, count - half)
@@ -117,7 +118,7 @@ class AccelerationBySpeed:
             for end, other in ((0, 1), (count - 1, count - 2)):
                 slope[end] = (speed_rpm[other] - speed_rpm[end]) / (time_s[other] - time_s[end])
         noise = self.noise_rpm * _per_noise(self.half_width) / self.step_s
-        # a ramp that begins here makes the slope any value between both sides' (rectangular)
+        # at the start of a ramp, the slope is anywhere between those of both sides (rectangular)
         return RAD_S_PER_RPM * slope, RAD_S_PER_RPM * np.hypot(noise, 0.5 * change / np.sqrt(3.0))
 
 

@@ -1,4 +1,4 @@
-"""Corrections of readings and their uncertainties, by tables of what was measured."""
+"""Corrections of readings and their uncertainties, from measured tables."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ Place = tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]
 
 
 def _place(nodes: FloatArray, values: FloatArray) -> Place:
-    """Return the nodes around values and the shares of the way between; clamped at the ends."""
+    """Return the nodes around values and the share of the distance between; clamped at the ends."""
     last = nodes.size - 1
     if last == 0:
         none = np.zeros(values.size, dtype=np.intp)
@@ -23,14 +23,14 @@ def _place(nodes: FloatArray, values: FloatArray) -> Place:
 
 
 def _between(curves: FloatArray, place: Place) -> FloatArray:
-    """Return values of curves, which have a row each."""
+    """Return interpolated values of curves, given as rows."""
     i, j, share = place
     low = curves[:, i]
     return np.asarray(low + share * (curves[:, j] - low))
 
 
 def _on_tables(tables: FloatArray, row: Place, column: Place) -> FloatArray:
-    """Return values of tables, which come one after the other."""
+    """Return interpolated values of stacked tables."""
     (i, j, share), (left, right, part) = row, column
     low, high = tables[:, i, left], tables[:, j, left]
     low = low + part * (tables[:, i, right] - low)
@@ -75,7 +75,7 @@ def temperature(
 
 
 def goes_on(time_s: FloatArray, before_s: float, interval_s: float, allowed_s: float) -> bool:
-    """Return whether times follow an earlier one, and each other, at an interval."""
+    """Return whether times continue from an earlier time at a given interval."""
     steps = np.diff(time_s, prepend=before_s)
     return bool((np.abs(steps - interval_s) <= allowed_s).all())
 
@@ -83,9 +83,9 @@ def goes_on(time_s: FloatArray, before_s: float, interval_s: float, allowed_s: f
 def inertia(
     acceleration: FloatArray, uncertainty: FloatArray, moment: tuple[float, float], unknown: float
 ) -> FloatArray:
-    """Return rows: u of the inertia's torque with the acceleration's sign, and its correction.
+    """Return rows: u of the inertia's torque, with the acceleration's sign, and the correction.
 
-    `moment` is followed by its u; `unknown` is the u of an acceleration that isn't known.
+    `moment` holds the moment of inertia and its u; `unknown` is the u of an unknown acceleration.
     """
     nothing = np.isnan(acceleration)
     now = np.where(nothing, 0.0, acceleration)
@@ -95,9 +95,9 @@ def inertia(
 
 
 def standard(torque_nm: FloatArray, down: FloatArray, up: FloatArray) -> FloatArray:
-    """Return half of a standard's U with the torque's sign.
+    """Return half of a standard's U (k = 2), with the torque's sign.
 
-    `down` and `up` have the sizes of the certified torques of each direction, and U.
+    `down` and `up` hold magnitudes of the certified torques and their U, for each direction.
     """
     size = np.abs(torque_nm)
     expanded = []
@@ -124,7 +124,7 @@ def rotation(
     widening: float,
     places: tuple[float, float, float],
 ) -> tuple[FloatArray, FloatArray]:
-    """Return rows of the components, and the readings' places.
+    """Return rows of the components, and the positions of the readings in correlation lengths.
 
     The rows are u of the zero, its correction, u of the drag, its correction, u of the lubrication,
     noise, running-in, its u.

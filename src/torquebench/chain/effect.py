@@ -23,13 +23,13 @@ EFFECTS: dict[str, type[Effect]] = {}
 
 
 class Refusal(NamedTuple):
-    """Readings that an effect doesn't hold for.
+    """Readings for which an effect isn't valid.
 
     Parameters
     ----------
     rows : bool array of shape (n,)
     found, allowed : str
-        Condition of the first of them, and the range of the effect's record.
+        Value of the first refused reading, and the range in which the effect is valid.
     """
 
     rows: NDArray[np.bool_]
@@ -39,13 +39,13 @@ class Refusal(NamedTuple):
 
 @dataclass(frozen=True)
 class MeasuredPart:
-    """Largest identified size of an effect over its measured range.
+    """Largest identified value of one part of an effect over its measured range.
 
     Parameters
     ----------
     name : str
     percent, u_percent : float
-        Largest size and largest U (k = 2), % of full scale; of a span, % of the torque.
+        Largest value and largest U (k = 2), in % of full scale; for a span, in % of the torque.
     measured : str
         Range in which it was measured, with its unit.
     """
@@ -74,11 +74,11 @@ class MeasuredPart:
 
 @dataclass(frozen=True)
 class Effect(ABC):
-    """One influence on a reading: its contribution and uncertainty.
+    """One influence on a reading: its correction and its uncertainty.
 
-    A subclass is a frozen dataclass of numbers and words. It states its components for arrays of
+    A subclass is a frozen dataclass of numbers and text. It returns its components for arrays of
     readings. A subclass that depends on earlier readings returns a separate object from `stream`;
-    the others are their own stream.
+    the other subclasses return themselves.
 
     Attributes
     ----------
@@ -90,11 +90,11 @@ class Effect(ABC):
         Fields of `Readings` that it uses. One that isn't measured enters as an uncertainty over the
         range that the effect states for it.
     corrects_reading : bool
-        Whether it is applied before the static curve, to the reading.
+        Whether it corrects the reading, before the static curve.
     influence : str
-        Kind of the effect whose limits it replaces, because it was measured; "" for none.
+        Kind of the effect whose assumed limits this measured effect replaces; "" for none.
     expected : bool
-        Whether U lacks something in a chain without this effect or one that replaces it.
+        Whether U is incomplete in a chain without this effect or one that replaces it.
     of_turning : bool
         Whether it was measured while speed, temperature or acceleration changed.
     record : str
@@ -117,42 +117,42 @@ class Effect(ABC):
         Parameters
         ----------
         readings : Readings
-            The next ones of the stream, or independent rows.
+            The next readings of the stream, or independent rows.
         torque_nm : float64[n]
-            Torque by all effects before this one, N·m.
+            Torque after all effects before this one, N·m.
         """
 
     def outside(self, readings: Readings) -> Refusal | None:  # noqa: ARG002 - most refuse none
-        """Return which readings the effect refuses, None if it accepts all."""
+        """Return the readings for which the effect isn't valid; None if there are none."""
         return None
 
     def identified(
         self,
         range_nm: float,  # noqa: ARG002 - most effects are stated, not identified
     ) -> tuple[MeasuredPart, ...]:
-        """Return the parts that measurements of a rotating chain have identified."""
+        """Return the parts that were identified from measurements of a rotating chain."""
         return ()
 
     def gaps(self) -> tuple[str, ...]:
-        """Name parts of the effect that weren't identified: U doesn't contain them."""
+        """Name the parts of the effect that weren't identified and aren't in U."""
         return ()
 
     def left_of(self, limit: Effect) -> Effect | None:  # noqa: ARG002 - most replace all of it
-        """Return the part of a limit that this measured effect doesn't replace; None for nothing.
+        """Return the part of a limit that this measured effect leaves valid; None for no part.
 
         Parameters
         ----------
         limit : Effect
-            Of the kind that `influence` names.
+            Effect of the kind that `influence` names.
         """
         return None
 
     def stream(self) -> Effect:
-        """Return an object that follows one stream of readings; here, without memory."""
+        """Return an object that follows one stream of readings; by default the effect itself."""
         return self
 
     def copy(self) -> Effect:
-        """Return another stream in the same state."""
+        """Return a second stream in the same state."""
         return self
 
     def forget(self) -> None:  # noqa: B027 - most have no memory
@@ -179,7 +179,7 @@ class Effect(ABC):
 
     @classmethod
     def from_specification(cls, values: Mapping[str, Any]) -> Self:
-        """Return the effect that `specification` described: lists are tuples again."""
+        """Rebuild the effect from its `specification`, with tuples for lists."""
         return cls(**{name: _in_tuples(value) for name, value in values.items()})
 
 
@@ -191,7 +191,7 @@ _Effect = TypeVar("_Effect", bound=type[Effect])
 
 
 def register(kind: str) -> Callable[[_Effect], _Effect]:
-    """Enter an effect into `EFFECTS` under its kind."""
+    """Return a decorator that enters an effect into `EFFECTS` under its kind."""
 
     def enter(effect: _Effect) -> _Effect:
         effect.kind = kind

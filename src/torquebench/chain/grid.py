@@ -13,18 +13,18 @@ __all__ = ["Place", "Table", "between", "bilinear", "linear", "located", "number
 
 Numbers = tuple[float, ...]
 Table = tuple[Numbers, ...]
-"""One row for each node of the first quantity."""
+"""Table with one row for each node of the first quantity."""
 
 
 class Place(NamedTuple):
-    """Positions of values between nodes: the node below, and the share of the way to the next."""
+    """Positions between nodes: the node below, and the share of the distance to the next."""
 
     node: NDArray[np.intp]
     share: FloatArray
 
 
 def located(nodes: FloatArray, values: FloatArray) -> Place:
-    """Return the positions of values; those outside are treated as the nearest node."""
+    """Return the positions of values; values outside are clamped to the nearest node."""
     if nodes.size == 1:
         return Place(np.zeros(np.shape(values), dtype=np.intp), np.zeros(np.shape(values)))
     node = np.clip(np.searchsorted(nodes, values, side="right") - 1, 0, nodes.size - 2)
@@ -33,13 +33,13 @@ def located(nodes: FloatArray, values: FloatArray) -> Place:
 
 
 def linear(table: FloatArray, at: Place) -> FloatArray:
-    """Return a column between its nodes."""
+    """Return a column, interpolated between its nodes."""
     following = np.minimum(at.node + 1, table.size - 1)
     return np.asarray(table[at.node] + at.share * (table[following] - table[at.node]))
 
 
 def bilinear(table: FloatArray, row: Place, column: Place) -> FloatArray:
-    """Return a table between its nodes."""
+    """Return a table, interpolated between its nodes."""
     last_row, last_column = table.shape[0] - 1, table.shape[1] - 1
     below, above = row.node, np.minimum(row.node + 1, last_row)
     left, right = column.node, np.minimum(column.node + 1, last_column)
@@ -49,7 +49,7 @@ def bilinear(table: FloatArray, row: Place, column: Place) -> FloatArray:
 
 
 def between(nodes: FloatArray, low: float, high: float) -> FloatArray:
-    """Return both limits and the nodes between them: where a piecewise line has its extremes."""
+    """Return both limits and the nodes between: there a piecewise line has its extremes."""
     return np.concatenate([[low, high], nodes[(nodes > low) & (nodes < high)]])
 
 

@@ -33,11 +33,11 @@ from torquebench.units import HOURS_PER_DAY
 __all__ = ["ChainStream", "MeasuringChain", "RecordedStream", "effect_from", "load_chain"]
 
 _Kind = TypeVar("_Kind", bound=Effect)
-GAP_STEPS = 3.0  # windows: fewer missing ones can't hide a significant reversal
+GAP_STEPS = 3.0  # in windows: a shorter gap can't hide a significant reversal
 
 
 def effect_from(specification: Mapping[str, Any]) -> Effect:
-    """Return a stored effect.
+    """Return the effect of a stored specification.
 
     Raises
     ------
@@ -64,16 +64,16 @@ def effect_from(specification: Mapping[str, Any]) -> Effect:
 
 @dataclass(frozen=True, eq=False)
 class MeasuringChain:
-    """One transducer with its counter and module, as calibrated: a sum of effects.
+    """One calibrated transducer with its counter and module: a sum of effects.
 
     Parameters
     ----------
     model : CompensationModel
-        Fitted: gives the static curve and the scatter.
+        Fitted model, which gives the static curve and the scatter.
     stored : tuple of Effect
         Further effects of the chain.
     calibrated_on : datetime.date, optional
-        Day of the calibration. Where it isn't known, U contains the drift of a whole interval.
+        Day of the calibration. If it is unknown, U contains the drift of a whole interval.
 
     Examples
     --------
@@ -97,19 +97,19 @@ class MeasuringChain:
 
     @classmethod
     def of(cls, stored: StoredModel) -> Self:
-        """Return the chain that a model file describes."""
+        """Return the chain of a model file."""
         made = stored.provenance
         day = date.fromisoformat(made.calibrated_on) if made.calibrated_on else None
         return cls(stored.model, tuple(map(effect_from, made.effects)), day)
 
     def age_h(self, day: date | None) -> float | None:
-        """Return the time from the calibration to a day, h; None where one isn't known."""
+        """Return the time from the calibration to a day, h; None if either is unknown."""
         if day is None or self.calibrated_on is None:
             return None
         return HOURS_PER_DAY * abs((day - self.calibrated_on).days)
 
     def dated(self, readings: Readings) -> Readings:
-        """Return readings with the age of the calibration, where their day is known."""
+        """Return the readings with the age of the calibration, if their day is known."""
         age_h = self.age_h(readings.measured_on)
         if age_h is None or readings.calibration_age_h is not None:
             return readings
@@ -131,7 +131,7 @@ class MeasuringChain:
 
     @cached_property
     def counted(self) -> tuple[Effect, ...]:
-        """Stored effects; of limits only what no measured effect replaces."""
+        """Effects that count in U: stored effects, without limits that measured effects replace."""
         measured = {effect.influence: effect for effect in self.stored if effect.influence}
         left = (
             measured[effect.kind].left_of(effect) if effect.kind in measured else effect
@@ -141,7 +141,7 @@ class MeasuringChain:
 
     @cached_property
     def dynamics(self) -> Dynamics | None:
-        """The filter of quick changes, if the chain has one."""
+        """Filter for quick changes, if the chain has one."""
         return self.find(Dynamics)
 
     def find(self, kind: type[_Kind]) -> _Kind | None:
@@ -156,21 +156,21 @@ class MeasuringChain:
 
     @cached_property
     def switched_off(self) -> frozenset[str]:
-        """Names of components that are not corrected; their possible size stays in U."""
+        """Names of components that aren't corrected; their possible size is in U."""
         return frozenset(
             name for each in self.stored if isinstance(each, SwitchedOff) for name in each.names
         )
 
     def with_effects(self, effects: Iterable[Effect]) -> MeasuringChain:
-        """Return the chain with further effects, each in the place of one of its kind."""
+        """Return the chain with added effects, which replace those of the same kind."""
         changed = {effect.kind: effect for effect in (*self.stored, *effects)}
         return replace(self, stored=tuple(changed.values()))
 
     def with_limits(self, limits: Iterable[Effect]) -> MeasuringChain:
-        """Return the chain with limits where nothing is recorded of an influence.
+        """Return the chain with limits for influences without a record.
 
-        Effects of the chain stay. One whose own limit isn't known takes it from these, with the
-        interval that belongs to it.
+        Effects of the chain are kept. An effect whose limit is unknown gets it from `limits`, with
+        the interval that belongs to it.
 
         Parameters
         ----------
@@ -188,13 +188,13 @@ class MeasuringChain:
 
     @cached_property
     def switches(self) -> tuple[str, ...]:
-        """Corrections that are switched off, by their names in `SWITCHES`."""
+        """Names in `SWITCHES` of the corrections that are switched off."""
         return tuple(
             switch for switch, names in SWITCHES.items() if self.switched_off.issuperset(names)
         )
 
     def switched(self, record: str, off: Iterable[str]) -> MeasuringChain:
-        """Return the chain with these corrections switched off, and all others on.
+        """Return the chain with exactly these corrections switched off.
 
         Raises
         ------
@@ -204,11 +204,11 @@ class MeasuringChain:
         return self.with_effects([SwitchedOff.of(record, *off)])
 
     def specification(self) -> tuple[Mapping[str, Any], ...]:
-        """Return the chain's entries of a model file."""
+        """Return the chain's effects as entries of a model file."""
         return tuple(effect.specification() for effect in self.stored)
 
     def missing(self) -> tuple[str, ...]:
-        """Return the influences without any record: U doesn't contain them."""
+        """Return the influences without any record, which U doesn't contain."""
         limited = {effect.kind for effect in self.counted}
         open_ = (effect for effect in self.counted if effect.influence not in limited)
         return (
@@ -227,16 +227,16 @@ class MeasuringChain:
         )
 
     def torque(self, readings: Readings, place: Callable[[int], str] = "row {}".format) -> Torque:
-        """Return torque and uncertainty of the rows of a table.
+        """Return torque and uncertainty for the rows of a table.
 
-        With times they are one record in time order: see `RecordedStream`. Without times they are
+        Rows with times are one record in time order: see `RecordedStream`. Rows without times are
         independent.
 
         Parameters
         ----------
         readings : Readings
         place : callable, optional
-            From a row's number to its name in messages.
+            Function from a row's number to its name in messages.
 
         Raises
         ------
@@ -249,22 +249,22 @@ class MeasuringChain:
         return torque
 
     def compensated(self, readings: Readings) -> Torque:
-        """Return the same as `torque`, with NaN for refused readings."""
+        """Return the torques like `torque`, but NaN for refused readings."""
         if readings.time_s is None:
             return self.independent(self.dated(readings))
         return RecordedStream(self).torque(readings, None)
 
     def independent(self, readings: Readings) -> Torque:
-        """Return the torques of readings that say nothing about each other."""
+        """Return the torques of independent readings."""
         return _sum(self.effects, readings, self.switched_off)
 
     @property
     def turns(self) -> bool:
-        """Whether speed, temperature or acceleration were measured on the chain."""
+        """Whether effects of speed, temperature or acceleration were measured on this chain."""
         return any(each.of_turning for each in self.stored)
 
     def unmeasured(self, readings: Readings) -> tuple[str, ...]:
-        """Return quantities that measured effects need and the readings don't have."""
+        """Return the quantities that measured effects need and the readings lack."""
         needed = [name for each in self.stored if each.of_turning for name in each.needs]
         return tuple(
             name
@@ -273,7 +273,7 @@ class MeasuringChain:
         )
 
     def refuse(self, readings: Readings, place: Callable[[int], str]) -> None:
-        """Raise an error that names the effect which refuses a reading, and why."""
+        """Raise an error if an effect refuses a reading, with its name and the reason."""
         for effect in self.effects:
             refusal = effect.outside(readings)
             if refusal is not None:
@@ -316,7 +316,7 @@ class MeasuringChain:
         )
 
     def recorded(self) -> tuple[MeasuringChain, RecordedDynamics | None]:
-        """Return the chain for one record in blocks, and its dynamics, which get them first."""
+        """Return the chain for a record in blocks, and its dynamics, which get the blocks first."""
         dynamics = self.dynamics
         if dynamics is None:
             return self, None
@@ -325,15 +325,16 @@ class MeasuringChain:
         return replace(self, stored=kept), follows
 
     def stream(self) -> ChainStream:
-        """Return a compensator for one stream of readings, block by block."""
+        """Return a compensator for one stream of readings, which takes them block by block."""
         return ChainStream(self)
 
 
 class ChainStream:
-    """Compensates a stream: consecutive blocks of readings in time order.
+    """Compensator of a stream: consecutive blocks of readings in time order.
 
     After the start, a gap or a fault the past is unknown: the uncertainty is larger until the
-    readings have reversed often enough. The result doesn't depend on how the stream is cut.
+    readings have reversed often enough. The result doesn't depend on how the stream is divided into
+    blocks.
 
     Parameters
     ----------
@@ -346,20 +347,20 @@ class ChainStream:
         self._last_s = float("nan")
 
     def push(self, readings: Readings, step_s: float | None = None) -> Torque:
-        """Compensate the next readings; a fault (NaN) or one outside the range gets no number.
+        """Compensate the next readings; a fault (NaN) or a reading outside the range gets NaN.
 
         Parameters
         ----------
         readings : Readings
         step_s : float, optional
-            From one reading to the next, to recognise a gap; by default that of the first two.
+            Interval between readings, to recognise a gap; by default that of the first two.
         """
         if readings.time_s is not None and self._has_gap(readings.time_s, step_s):
             self._forget()
         return _sum(self._effects, readings, self.chain.switched_off)
 
     def copy(self) -> ChainStream:
-        """Return another stream in the same state."""
+        """Return a second stream in the same state."""
         other = ChainStream.__new__(ChainStream)
         other.chain, other._last_s = self.chain, self._last_s
         other._effects = tuple(effect.copy() for effect in self._effects)
@@ -386,19 +387,19 @@ class ChainStream:
 
 
 class RecordedStream:
-    """Compensates a record with times: blocks in order, each with the next one.
+    """Compensator of a record with times: blocks in order, each with the following one.
 
-    The acceleration comes from the speed if it isn't given, and the place in the hysteresis loop
-    from the readings before if no branch is given. Where readings are missing or times go back, the
+    The acceleration comes from the speed if it isn't given, and the position in the hysteresis loop
+    from earlier readings if no branch is given. After missing readings or a step back in time, the
     past is unknown. The result equals that of `ChainStream` for the same readings and
-    accelerations, wherever the record is cut; but the torque by a dynamic filter, which is late in
-    a live stream, belongs to the time of its row.
+    accelerations, however the record is divided, with one difference: the torque by a dynamic
+    filter, which is delayed in a live stream, belongs to the time of its row.
 
     Parameters
     ----------
     chain : MeasuringChain
     by_speed : AccelerationBySpeed, optional
-        By the first block, if not given.
+        Evaluation of the acceleration; from the first block by default.
 
     Attributes
     ----------
@@ -427,14 +428,14 @@ class RecordedStream:
         self._before: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros(0))
 
     def torque(self, readings: Readings, following: Readings | None) -> Torque:
-        """Return the torque of the next block; NaN where an effect refuses a reading.
+        """Return the torques of the next block; NaN where an effect refuses a reading.
 
         Parameters
         ----------
         readings : Readings
             With times.
         following : Readings or None
-            The block after it: the slope of the speed at the end depends on it.
+            The following block, which the slope of the speed at the end depends on.
         """
         known = self.completed_last = self.completed(readings, following)
         if self._dynamics is not None:
@@ -457,7 +458,7 @@ class RecordedStream:
         )
 
     def completed(self, readings: Readings, following: Readings | None) -> Readings:
-        """Return the readings with the acceleration by their speed and the calibration's age."""
+        """Return the readings with the acceleration from their speed, and the calibration's age."""
         readings = self.chain.dated(readings)
         time_s, speed = readings.time_s, readings.speed_rpm
         if (
@@ -491,7 +492,7 @@ def load_chain(path: str | Path) -> MeasuringChain:
 
 
 def _completed(effect: Effect, limit: Effect) -> Effect:
-    """Return an effect with the limits that it lacks from another of its kind."""
+    """Return an effect with its missing limits taken from another effect of its kind."""
     taken = {
         each.name: getattr(limit, each.name)
         for each in fields(effect)

@@ -1,4 +1,4 @@
-"""Uncertainty of torques by what shares its errors, and how these act."""
+"""Uncertainty of torques, split by what shares the errors and by how they act."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ from torquebench.uncertainty import Distribution
 __all__ = ["TorqueParts"]
 
 NEGLIGIBLE = 1e-3
-"""Share of opposite signs that is ignored: an error in proportion to the torque may have the other
-sign where the torque is nearly 0.
+"""Share of opposite signs that is ignored, because an error in proportion to the torque may have
+the wrong sign where the torque is nearly 0.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class TorqueParts:
-    """Standard uncertainties of torques, N·m: the squares add up to those of the whole chain.
+    """Standard uncertainties of torques by group, N·m: the squares add up to the chain's.
 
-    A component's part follows from what shares its error, and from its signs: a new effect needs no
-    entry here. The parts show more, the more of a record is split at once: signs show how an error
-    acts only where torques of both directions are in it.
+    The group of a component follows from what shares its error, and from its signs, so that a new
+    effect needs no entry here. A record should be split as a whole: signs show how an error acts
+    only if it contains torques of both directions.
 
     Parameters
     ----------
     scale_nm : float64[n]
-        Common to a calibration, with the torque's sign (or against it): a mean over both directions
-        keeps it.
+        Common to a calibration, with the torque's sign (or against it): remains in a mean over both
+        directions.
     shift_nm : float64[n]
-        Common to a calibration, with one sign whatever the torque's: it cancels in that mean.
+        Common to a calibration, with the same sign for both directions: cancels in that mean.
     curve_nm : float64[n]
-        Common to a calibration, otherwise: of a curve, or with changing signs.
+        Common to a calibration, other errors: of a curve, or with changing signs.
     mounting_nm, zero_nm : float64[n]
         Common to a mounting, and to a zeroing.
     loading_nm : float64[n]
-        New with every loading within limits: loadings alike may use them up alike.
+        New with every loading, within limits; equal loadings may have equal errors.
     scatter_nm : float64[n]
-        New with every loading, as the scatter of loadings shows it.
+        New with every loading, at random.
     noise_nm : float64[n]
         New with every reading: it averages out.
 
@@ -73,7 +73,7 @@ class TorqueParts:
 
     @classmethod
     def of(cls, torque: Torque) -> Self:
-        """Split the uncertainty of torques."""
+        """Split the uncertainty of torques into the groups."""
         squares = {each.name: np.zeros(len(torque)) for each in fields(cls)}
         for component in torque.components:
             squares[_part(component, torque.value_nm)] += np.square(component.uncertainty_nm)
@@ -81,7 +81,7 @@ class TorqueParts:
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Concatenate the parts of several records; no record gives empty columns."""
+        """Concatenate the parts of several records; without records, the columns are empty."""
         return cls(
             *(
                 np.concatenate([getattr(part, each.name) for part in parts] or [np.zeros(0)])
@@ -122,6 +122,6 @@ def _part(component: Component, torque_nm: FloatArray) -> str:
 
 
 def _one_sign(values: FloatArray) -> bool:
-    """Return whether values have one sign, but for a negligible part of their sum."""
+    """Return whether values have one sign, except for a negligible part of their sum."""
     up, down = float(np.sum(values[values > 0.0])), -float(np.sum(values[values < 0.0]))
     return min(up, down) <= NEGLIGIBLE * max(up, down) and max(up, down) > 0.0

@@ -1,4 +1,4 @@
-"""The quantities of readings that effects of a measuring chain need."""
+"""The quantities of readings that the effects of a measuring chain need."""
 
 from __future__ import annotations
 
@@ -22,26 +22,28 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 Known = FloatArray | float | None
-"""One value for all readings or one each; None or NaN if not measured."""
+"""One value for all readings, or one for each; None or NaN if not measured."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
     """Readings of one transducer in time order, with their conditions.
 
-    The metadata of a quantity that may lack describe it. With ``"measured"`` it is read from the
-    column of its name in tables and recordings, in any unit of `torquebench.units.UNITS`.
+    Optional quantities are described by the metadata of their fields. A quantity with
+    ``"measured"`` is read from the column of its name in tables and recordings, in any unit of
+    `torquebench.units.UNITS`.
 
     Parameters
     ----------
     reading_nm : float64[n]
-        Torque by the frequency, the zero in use and the sensitivity, N·m, clockwise positive.
+        Torque from frequency, zero in use and sensitivity, N·m, clockwise positive.
     branch : float64[n] or None
         +1 where the size of the torque grows, -1 where it falls, 0 where that isn't known.
     counter_nm : float64[n], float or None
-        Standard uncertainty of the reading itself: by counting; of a mean, its standard error, N·m.
+        Standard uncertainty of the reading itself, N·m: by counting, or the standard error of a
+        mean.
     time_s : float64[n] or None
-        Centres of the windows; a stream sees gaps by them.
+        Centres of the windows, from which a stream recognises gaps.
     speed_rpm, acceleration_rad_s2 : float64[n], float or None
         Of the shaft.
     acceleration_uncertainty_rad_s2 : float64[n], float or None
@@ -59,7 +61,7 @@ class Readings:
     calibration_age_h : float or None
         Time since the calibration.
     measured_on : datetime.date or None
-        Day of the readings: the chain knows the day of its calibration.
+        Day of the readings, from which the age of the calibration follows.
     of_bench : bool
         Whether `time_s` counts from the opening of the bench: it then has no relation to
         running-in.
@@ -106,15 +108,15 @@ QUANTITIES = {
     for quantity in fields(Readings)
     if "description" in quantity.metadata
 }
-"""Quantities that a reading may lack, with their description."""
+"""Quantities that readings may lack, with their descriptions."""
 MEASURED = tuple(
     quantity.name for quantity in fields(Readings) if quantity.metadata.get("measured")
 )
-"""Those that are measured with every reading: columns of tables and recordings."""
+"""Quantities that are measured with every reading: columns of tables and recordings."""
 
 
 def known_or(value: Known, otherwise: float) -> FloatArray:
-    """Return a quantity with another number if it isn't measured.
+    """Return a quantity, with a default for values that weren't measured.
 
     Examples
     --------
@@ -123,13 +125,13 @@ def known_or(value: Known, otherwise: float) -> FloatArray:
     """
     if value is None:
         return np.asarray(otherwise)
-    if isinstance(value, float):  # of the live stream
+    if isinstance(value, float):  # shortcut for the live stream
         return np.asarray(otherwise if value != value else value)
     return np.where(np.isnan(value), otherwise, value)
 
 
 def row_of(value: Known, count: int, otherwise: float = np.nan) -> FloatArray:
-    """Return a quantity for each reading, with a given number if it isn't measured.
+    """Return a quantity as one value per reading, with a default if it wasn't measured.
 
     Examples
     --------

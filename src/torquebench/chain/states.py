@@ -31,7 +31,7 @@ class EffectState:
     Parameters
     ----------
     name : str
-        As in budgets.
+        Name in budgets.
     record : str
         Source of its values.
     contribution_nm : float or None
@@ -39,12 +39,13 @@ class EffectState:
     uncertainty_nm : float or None
         Its standard uncertainty, N·m; None if U doesn't contain it.
     state : {"holds", "outside", "unmeasured", "off", "missing"}
-        Whether it applies to the reading; outside its range there is no torque; effects that aren't
-        measured, or are switched off, stay in U. Missing ones have no record and aren't in U.
+        Whether the effect is valid for the reading. Outside its range there is no torque; effects
+        that aren't measured, or are switched off, are in U. Missing ones have no record and aren't
+        in U.
     detail : str
         The value and its allowed range, or the missing quantity.
     switch : str
-        Of `SWITCHES`, by which it is switched; empty where it can't be.
+        Name in `SWITCHES` that switches it; empty if it can't be switched.
     """
 
     name: str
@@ -57,15 +58,15 @@ class EffectState:
 
 
 def effect_states(chain: MeasuringChain, readings: Readings, torque: Torque) -> list[EffectState]:
-    """Return the state of every effect of a chain, and at the end the influences it has none of.
+    """Return the state of every effect of a chain, and finally the influences without an effect.
 
     Parameters
     ----------
     chain : MeasuringChain
     readings : Readings
-        A single one.
+        A single reading.
     torque : Torque
-        The chain's torque of it.
+        The chain's torque for this reading.
     """
     switch_of = {name: switch for switch, names in SWITCHES.items() for name in names}
     found = []
@@ -93,7 +94,7 @@ def effect_states(chain: MeasuringChain, readings: Readings, torque: Torque) -> 
 
 
 def not_in_u(missing: Sequence[str]) -> Message | None:
-    """Return the sentence about influences that U doesn't contain; None where there are none.
+    """Return a sentence about influences that U doesn't contain; None if there are none.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Readings from the rows of a table: what is assumed about them is stated here, once."""
+"""Conversion of table rows to readings, with all assumptions about them."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def readings_of_rows(
     """Return the rows of a table as readings of a measuring chain.
 
     Steady means are the points of a calibration or a verification, or of a table that states
-    ``steady = true``. Two quantities of theirs are assumed:
+    ``steady = true``. Two assumptions are made about them:
 
     - the acceleration is 0, unless the table has it: a point is taken at a constant speed;
     - the window is infinite: a mean over whole revolutions contains no ripple.
 
-    Their times matter only where the branch isn't stated and follows from the earlier rows. Nothing
-    is assumed about other rows. They are single readings; with times they are one record, from
-    which acceleration and branch follow.
+    Their times are used only if the branch isn't stated and follows from earlier rows. No
+    assumptions are made about other rows. These are single readings; with times they are one
+    record, from which acceleration and branch follow.
 
     Parameters
     ----------

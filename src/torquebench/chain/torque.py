@@ -1,4 +1,4 @@
-"""Compensated torque with its uncertainty components and their correlation."""
+"""Compensated torque with the components of its uncertainty and their correlation."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ __all__ = [
 ]
 
 Shapes = Distribution | NDArray[np.object_]
-"""One distribution of all torques, or one each."""
+"""One distribution for all torques, or one for each."""
 
 NOISE = "noise of the reading"
 """Component that contains the standard error of a mean."""
 
 COVERAGE_FACTOR = 2.0
-"""k of every U: the effects' standard uncertainties are already widened for their degrees of
-freedom, so that ±2u covers 95.45 %.
+"""k of every U: the effects' standard uncertainties already contain Student's factor for their
+degrees of freedom, so that ±2u covers 95.45 %.
 """
 
 
@@ -52,17 +52,17 @@ class Component(NamedTuple):
     Parameters
     ----------
     name : str
-        The source, as budgets name it.
+        Name of the source in budgets.
     shared : Shared
-        Property of readings with a common error.
+        What readings must have in common to share the error.
     uncertainty_nm : float64[n] or float
-        Standard uncertainty, N·m, with the sign of the error's direction: where the signs of two
-        readings differ, a shared error turns round between them.
+        Standard uncertainty, N·m, with the sign of the error's direction: if the signs of two
+        readings differ, a shared error has opposite directions.
     value_nm : float64[n] or float
         Correction of the torque, N·m.
     place : float64[n, m] or None
         Position of a reading, in correlation lengths: errors of readings farther apart than 1 are
-        independent. None where one error shifts all of them.
+        independent. None if one error shifts all readings.
     distribution : Distribution or array of them
     """
 
@@ -75,20 +75,21 @@ class Component(NamedTuple):
 
 
 def by_row(rows: NDArray[np.bool_], these: Distribution, others: Distribution) -> Shapes:
-    """Return one distribution for some torques and another for the others."""
+    """Return one distribution for the torques in `rows` and another for all others."""
     if rows.all() or not rows.any():
         return these if rows.any() else others
     return np.array([these if row else others for row in rows.tolist()], dtype=object)
 
 
 def not_corrected(component: Component, share: float = 3.0**-0.5) -> Component:
-    """Return a component without correction: its error may be as large as the omitted correction.
+    """Return a component without correction, with the size of the correction in its uncertainty.
 
     Parameters
     ----------
     component : Component
     share : float
-        Standard uncertainty by that size: rectangular, unless it is known that it isn't corrected.
+        Standard uncertainty as a share of the omitted correction; that of a rectangular
+        distribution by default.
     """
     u = np.hypot(component.uncertainty_nm, share * component.value_nm)
     return component._replace(value_nm=0.0, uncertainty_nm=u)
@@ -103,7 +104,7 @@ class Torque:
     value_nm : float64[n]
         Compensated torque, N·m; NaN where there is no number.
     components : tuple of Component
-        One a source.
+        One for each source.
 
     Examples
     --------
@@ -161,7 +162,7 @@ class Torque:
         return COVERAGE_FACTOR * self.standard_uncertainty_nm
 
     def component(self, name: str) -> FloatArray:
-        """Return the standard uncertainty of one component, N·m; 0 if there is none."""
+        """Return the standard uncertainty of one component, N·m; 0 if it doesn't exist."""
         variance = np.zeros(self.value_nm.shape)
         for component in self.components:
             if component.name == name:
@@ -169,7 +170,7 @@ class Torque:
         return np.asarray(np.sqrt(variance))
 
     def added(self, name: str) -> FloatArray:
-        """Return the contribution of one component to the torque, N·m; 0 if there is none."""
+        """Return the correction by one component, N·m; 0 if it doesn't exist."""
         total = np.zeros(self.value_nm.shape)
         for component in self.components:
             if component.name == name:
@@ -215,10 +216,11 @@ class Torque:
         zeroing: ArrayLike | None = None,
         loading: ArrayLike | None = None,
     ) -> Torque:
-        """Return Σ wᵢTᵢ as one torque: a difference, a mean, any comparison of one calibration.
+        """Return Σ wᵢTᵢ as one torque, such as a difference or a mean.
 
-        Correlations follow from the components: an error of the calibration enters as Σ wᵢuᵢ, so
-        that it cancels in a difference; one that is new with every loading as √Σ (wᵢuᵢ)².
+        Correlations follow from the components: an error of the calibration contributes Σ wᵢuᵢ, so
+        that it cancels in a difference; an error that is new with every loading contributes √Σ
+        (wᵢuᵢ)².
 
         Parameters
         ----------
@@ -231,7 +233,7 @@ class Torque:
         Returns
         -------
         Torque
-            Of one element; components keep their names.
+            Torque of one element; components keep their names.
         """
         count = len(self)
         weight = np.asarray(weights, dtype=np.float64)
@@ -256,11 +258,11 @@ class Torque:
         return Torque(np.atleast_1d(weight @ self.value_nm), parts)
 
     def mean(self) -> Torque:
-        """Return the mean of windows of one loading, as a steady torque averages them."""
+        """Return the mean over windows of one loading, as for a steady torque."""
         return self.combined(np.full(len(self), 1.0 / len(self)), loading=np.zeros(len(self)))
 
     def steady(self, shift_nm: float, standard_error_nm: float, in_scatter_nm: float) -> Torque:
-        """Return a mean moved to a steady value, whose standard error counts if it is larger.
+        """Return a mean shifted to a steady value, with the larger of both standard errors.
 
         Parameters
         ----------
@@ -269,7 +271,7 @@ class Torque:
         standard_error_nm : float
             Standard error of the steady value, N·m: it contains all noise of its windows.
         in_scatter_nm : float
-            That of the calibration's step means, which the scatter contains already, N·m.
+            Standard error of the calibration's step means, which the scatter already contains, N·m.
         """
         noise = sum(
             float(np.square(each.uncertainty_nm).sum())
@@ -286,10 +288,10 @@ class Torque:
         return Torque(self.value_nm + shift_nm, parts)
 
     def budget(self, row: int = 0) -> Budget:
-        """Return the uncertainty budget of one torque (GUM): the lines' values are corrections.
+        """Return the uncertainty budget of one torque (GUM); its lines' values are corrections.
 
-        Every sensitivity is 1 and no line has degrees of freedom: the uncertainties of fits contain
-        Student's factor, so that k is 2.
+        Every sensitivity is 1, and the lines have no degrees of freedom: the uncertainties of fits
+        already contain Student's factor, so that k is 2.
         """
         value = float(self.value_nm[row])
         if not np.isfinite(value):
@@ -316,7 +318,7 @@ class Torque:
 
 
 def _spread(weighted: FloatArray, group: NDArray[np.generic], place: FloatArray | None) -> float:
-    """Return the standard uncertainty of a sum whose parts have common errors within groups."""
+    """Return the standard uncertainty of a sum of parts whose errors are common within groups."""
     if place is None:
         if group.size and np.all(group == group[0]):
             return float(np.sum(weighted))
@@ -339,7 +341,7 @@ def _middle(place: FloatArray, weight: FloatArray) -> FloatArray:
 
 
 def joined(parts: Sequence[Torque]) -> Torque:
-    """Concatenate torques of one chain.
+    """Concatenate the torques of one chain.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The effects of measuring chains, one file each. A new one is imported here, which registers it.
+"""The effects of measuring chains, one file each. Importing a module here registers its effect.
 
 The static curve and the scatter belong to the fitted model; the others are stored beside it.
 """

@@ -1,4 +1,4 @@
-"""Noise of a reading by its counter, and the counter's timebase."""
+"""Noise of a reading by its counter, and difference of the counter's timebase."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ __all__ = ["Counter", "Timebase"]
 class Counter(Effect):
     """White noise of a reading: quantisation and edge jitter; of a mean, its standard error.
 
-    The scatter of the calibration's points contains the standard error of their means already:
-    only what a reading's noise has beyond that is added.
+    The scatter of the calibration's points already contains the standard error of their means: only
+    the noise of a reading beyond it is added.
 
     Parameters
     ----------
     window_nm : float or None
-        Standard uncertainty in one window of the bench, N·m: for single readings that don't bring
-        theirs. None if it isn't known, and then it isn't in U.
+        Standard uncertainty in one window of the bench, N·m, for single readings without a value of
+        their own. None if unknown; then U doesn't contain it.
     steps_nm : float
         Standard error of the calibration's step means (median), N·m; 0 if it isn't known.
     """
@@ -41,11 +41,11 @@ class Counter(Effect):
     steps_nm: float = field(default=0.0, metadata={"least": 0.0})
 
     def gaps(self) -> tuple[str, ...]:
-        """Name the noise if it isn't known."""
+        """Name the noise if it is unknown."""
         return (self.title,) if self.window_nm is None else ()
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return the noise of each reading; of a steady mean without standard error, none."""
+        """Return the noise of each reading; for a steady mean without standard error, none."""
         steady = readings.window_s == np.inf
         noise = known_or(readings.counter_nm, 0.0 if steady else self.window_nm or 0.0)
         if self.steps_nm:
@@ -56,7 +56,7 @@ class Counter(Effect):
 @register("time base")
 @dataclass(frozen=True)
 class Timebase(Effect):
-    """Another counter's clock than the calibration's, accepted with an added uncertainty.
+    """Difference between the present counter's clock and that of the calibration.
 
     Two timebases that differ by a relative d make the same edges differ by d·f in frequency. The
     apparent torque is d·f/s with the sensitivity s, which is d·(f₀/s + T): it shifts the gain and,

@@ -17,10 +17,10 @@ __all__ = ["Creep"]
 @register("creep")
 @dataclass(frozen=True)
 class Creep(Effect):
-    """Change of a reading under a load that is kept, within the limit of the data sheet.
+    """Change of a reading under a constant load, within the limit of the data sheet.
 
-    The time that a load was kept isn't recorded, so the whole limit counts, in both directions: a
-    reading creeps with the load, and back after one.
+    The duration of a load isn't recorded, so that the whole limit counts, in both directions: a
+    reading creeps with the load, and back after it is removed.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class Creep(Effect):
     percent: float = field(metadata={"least": 0.0})
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return the limit as a rectangular distribution, new with every loading."""
+        """Return the limit as a rectangular distribution, independent for every loading."""
         return (
             Component(
                 "creep",

@@ -23,7 +23,7 @@ class Drift(Effect):
     Parameters
     ----------
     percent_per_year : float
-        Limit of the change, % of the torque a year.
+        Limit of the change, % of the torque per year.
     interval_h : float
         Calibration interval, h: used if the age is unknown.
     """
@@ -34,7 +34,7 @@ class Drift(Effect):
     interval_h: float = field(default=HOURS_PER_YEAR, metadata={"least": 0.0})
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return the limit at the age of the calibration, as a rectangular distribution."""
+        """Return the limit at the calibration's age, as a rectangular distribution."""
         age = self.interval_h if readings.calibration_age_h is None else readings.calibration_age_h
         limit = 1e-2 * self.percent_per_year * age / HOURS_PER_YEAR
         return (

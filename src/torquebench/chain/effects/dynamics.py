@@ -1,4 +1,4 @@
-"""Dynamics: response of shaft, transducer and counter to a torque that changes quickly."""
+"""Dynamics: response of shaft, transducer and counter to a quickly changing torque."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ _SQUARE_ROOT_3 = 3.0**0.5
 class Dynamics(Effect):
     """The inverse of an identified transfer function, as a filter along the stream.
 
-    It works on readings at the rate that it was designed for. Rows of a record get the torque at
-    their own time, by readings up to `delay_s` later; torques of a live stream come later by
+    It filters readings at the rate for which it was designed. A row of a record gets the torque at
+    its own time, from readings up to `delay_s` later; the torques of a live stream are delayed by
     `delay_s`. Readings at another rate aren't corrected, and the chain's delay enters as an
     uncertainty that grows with the rate of change; readings without a time are treated as steady.
 
     Parameters
     ----------
     interval_s : float
-        Sample interval that the filter holds for.
+        Sample interval of the filter.
     weights : tuple of float
         Coefficients of the filter.
     factors : tuple of tuples of float
@@ -59,7 +59,7 @@ class Dynamics(Effect):
 
     @classmethod
     def of(cls, record: str, designed: InverseFilter) -> Self:
-        """Return the effect of a designed filter."""
+        """Return the effect for a designed filter."""
         return cls(
             record,
             designed.interval_s,
@@ -71,7 +71,7 @@ class Dynamics(Effect):
 
     @classmethod
     def from_specification(cls, values: Mapping[str, Any]) -> Self:
-        """Return the effect that `specification` described."""
+        """Rebuild the effect from its `specification`."""
         listed = dict(values)
         try:
             listed["weights"] = tuple(map(float, listed["weights"]))
@@ -88,7 +88,7 @@ class Dynamics(Effect):
         self.filter()
 
     def filter(self) -> UncertainFilter:
-        """Return the filter; raises `InputError` if the coefficients don't form one."""
+        """Return the filter; raises `InputError` if the coefficients are unsuitable."""
         rows = np.asarray(self.factors, np.float64).reshape(-1, len(self.weights))
         return UncertainFilter(np.asarray(self.weights), covariance=rows.T @ rows)
 
@@ -109,13 +109,13 @@ class Dynamics(Effect):
 
     @property
     def rows_late(self) -> int:
-        """Number of readings by which the filter's output is later than the torque."""
+        """Number of readings by which the filter's output is delayed."""
         return round(self.delay_s / self.interval_s)
 
     def acted_s(self, time_s: FloatArray) -> FloatArray:
-        """Return the times of readings whose torques a live filter states in their place.
+        """Return the times at which the torques acted that a live filter returns for readings.
 
-        The transducer's own delay stays: whoever uses the times subtracts it.
+        The transducer's own delay isn't subtracted: the caller has to do it.
         """
         if time_s.size < 2 or abs(time_s[1] - time_s[0] - self.interval_s) > (
             _UNEVEN * self.interval_s
@@ -124,13 +124,13 @@ class Dynamics(Effect):
         return time_s - (self.delay_s - self.late_s)
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return the components of rows that are a whole record."""
+        """Return the components for rows that are a whole record."""
         recorded = self.recorded()
         recorded.prepare(readings, None)
         return recorded.components(readings, torque_nm)
 
     def recorded(self) -> RecordedDynamics:
-        """Return a filter for one record whose blocks come in order."""
+        """Return a filter for one record, whose blocks are passed in order."""
         return RecordedDynamics(self.record, self, _Prepared())
 
     def stream(self) -> Effect:
@@ -158,7 +158,7 @@ class _Memory:
 
 @dataclass(frozen=True)
 class _AppliedDynamics(Effect):
-    """The filter at work, in the place of its effect."""
+    """Base of the filters that replace the effect while readings are processed."""
 
     title: ClassVar[str] = Dynamics.title
     kind: ClassVar[str] = Dynamics.kind
@@ -192,7 +192,7 @@ class _FollowedDynamics(_AppliedDynamics):
             step[0], step[1:] = time[0] - self.memory.last_s, time[1:] - time[:-1]
             wanted = self.effect.interval_s
             even = np.abs(step - wanted) <= _UNEVEN * wanted
-            if not np.isfinite(step[0]):  # the first reading of a stream has no predecessor
+            if not np.isfinite(step[0]):  # the first reading of a stream has no previous one
                 even[0] = count == 1 or even[1]
             if even.any():
                 spread = known_or(readings.counter_nm, 0.0)
@@ -218,7 +218,7 @@ class _FollowedDynamics(_AppliedDynamics):
     def _going_on(
         self, time: FloatArray, reading_nm: FloatArray, counter_nm: Known
     ) -> FloatArray | None:
-        """Return correction and u of a settled stream's next readings; None where it isn't one."""
+        """Return correction and u for a settled stream's next readings; None after a gap."""
         memory, interval_s = self.memory, self.effect.interval_s
         if not isinstance(counter_nm, np.ndarray) or counter_nm.shape != reading_nm.shape:
             return None
@@ -245,7 +245,7 @@ class _FollowedDynamics(_AppliedDynamics):
         added[:] = found.value - reading_nm
         curve[:] = found.of_coefficients
         noise[:] = np.sqrt(np.maximum(found.of_noise**2 - counter_nm**2, 0.0))
-        # readings before the first one are unknown, and so is the filter's output
+        # the readings before the first one are unknown, so that the filter's output is uncertain
         if self.memory.settling >= len(self.effect.weights) - 1 and not faulty.any():
             self.memory.settling += reading_nm.size
             return
@@ -266,7 +266,7 @@ def _components(added: FloatArray, curve: FloatArray, noise: FloatArray) -> tupl
 
 @dataclass
 class _Prepared:
-    """The present block of a record: correction and standard uncertainties of its rows."""
+    """The current block of a record: correction and standard uncertainties of its rows."""
 
     rows: FloatArray = field(default_factory=lambda: np.zeros((3, 0)))
     used: int = 0
@@ -278,9 +278,9 @@ class _Prepared:
 class RecordedDynamics(_AppliedDynamics):
     """The filter along a record: every row gets the torque at its own time.
 
-    `prepare` gets the blocks in order, each with the next one; `components` then returns the rows
-    of the block, in one piece or in several. At the end of the record and before a gap, readings
-    that the filter needs don't exist: U of those rows contains their correction.
+    `prepare` takes the blocks in order, each with the following one; `components` then returns the
+    rows of the block, in one or several parts. At the end of the record and before a gap, the
+    filter lacks later readings: U of these rows contains the size of their correction.
     """
 
     prepared: _Prepared
@@ -309,7 +309,7 @@ class RecordedDynamics(_AppliedDynamics):
         return _components(added, curve, noise)
 
     def _filtered(self, record: FloatArray) -> FloatArray:
-        """Return correction and standard uncertainties of the rows between gaps and faults."""
+        """Return correction and standard uncertainties of rows that may have gaps and faults."""
         time, reading, _ = record
         step = np.diff(time)
         wanted, faulty = self.effect.interval_s, ~np.isfinite(reading)
@@ -328,7 +328,7 @@ class RecordedDynamics(_AppliedDynamics):
         return result
 
     def _even(self, rows: FloatArray) -> FloatArray:
-        """Return the same of rows without a gap, by a filter that is ahead of them."""
+        """Return correction and uncertainties of rows without a gap; the filter looks ahead."""
         late, count = self.effect.rows_late, rows.shape[1]
         reading, spread = np.pad(rows, ((0, 0), (0, late)), mode="edge")
         found = self.effect.filter().stream().push(reading, spread)

@@ -28,7 +28,7 @@ class Inertia(Effect):
         Change of a reading per acceleration, N·m per rad/s²: the moment of inertia in kg·m², with
         the sign of the mounting.
     uncertainty_nm_s2 : float
-        Its standard uncertainty.
+        Standard uncertainty of the moment.
     largest_rad_s2 : float
         Largest acceleration of the bench, used if none is known.
     """

@@ -1,4 +1,4 @@
-"""Measured zero over speed and bearing drag, with their dependence on load and running-in."""
+"""Measured zero over speed and bearing drag, with the influence of load and running-in."""
 
 from __future__ import annotations
 
@@ -31,23 +31,23 @@ UNKNOWN_LUBRICATION = 0.2 / 3.0**0.5
 """Standard uncertainty of the drag's factor if no run shows it: within ±20 %, rectangular."""
 CORRELATION_RPM = 300.0
 CORRELATION_K = 10.0
-"""Errors at speeds or temperatures farther apart are treated as independent."""
+"""Distance in temperature from which on errors are treated as independent."""
 
 
 @register("measured rotation")
 @dataclass(frozen=True)
 class MeasuredRotation(Effect):
-    """Tables over speed and temperature by empty runs, over speed and load by a rotating reference.
+    """Tables over speed and temperature (empty runs) and over speed and load (rotating reference).
 
-    The zero's shift is the part that is the same in both directions, the drag the part that changes
-    sign with the speed. Drag that grows with the load is a share of the torque's size against the
-    speed, the span over speed a share of the torque. Running-in is a part of the drag that decays
-    with time.
+    The zero's shift is the part that is equal in both directions, the drag the part that changes
+    sign with the speed. The drag by the load opposes the speed and grows with the magnitude of the
+    torque; the change of span is proportional to the torque. Running-in is a part of the drag that
+    decays with time.
 
     Parameters
     ----------
     calibrated_c : float
-        Temperature of the static curve, °C, used if none is known.
+        Temperature of the static curve, °C, used if a reading has none.
     low_rpm, high_rpm : float
         Speeds between which it was measured, 1/min; speeds beyond them by more than a tenth are
         refused.
@@ -69,10 +69,10 @@ class MeasuredRotation(Effect):
     running_in_nm, running_in_uncertainty_nm : tuple of float
         Additional drag at time 0 over the speed's nodes, N·m.
     noise_nm : tuple of float
-        Standard deviation of single readings of the empty runs over the speed's nodes, beyond that
-        that of the calibration's points, caused by transducer, drive and misalignment, N·m.
+        Additional standard deviation of single readings in the empty runs over that of the
+        calibration's points, over the speed's nodes, N·m: by transducer, drive and misalignment.
     window_s : float
-        Windows of the empty runs, s: shorter ones are noisier. 0 if unknown.
+        Length of the empty runs' windows, s: shorter windows are noisier. 0 if unknown.
     lubrication, lubrication_uncertainty : float
         Factor on the drag by the present state of the lubricant, and its standard uncertainty.
     """
@@ -163,7 +163,7 @@ class MeasuredRotation(Effect):
 
     @cached_property
     def _blind(self) -> FloatArray:
-        """Tables at the calibration's temperature, with u over all measured temperatures."""
+        """Tables at the calibration's temperature, with u for all measured temperatures."""
         nodes = self._nodes[1]
         rows = np.arange(float(len(self.speeds_rpm)))
         around = np.array(
@@ -208,7 +208,7 @@ class MeasuredRotation(Effect):
         return () if self.load_at_nm else ("drag over load, span over speed",)
 
     def outside(self, readings: Readings) -> Refusal | None:
-        """Return which speeds and temperatures are outside the tables."""
+        """Return the readings whose speed or temperature is outside the tables."""
         speed = row_of(readings.speed_rpm, readings.reading_nm.size)
         low, high = self._limits_rpm
         rows = (speed < low) | (speed > high)
@@ -225,7 +225,7 @@ class MeasuredRotation(Effect):
         return Refusal(rows, Message("temperature {now:.4g} °C", now[rows][0]), allowed)
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return the effect of rotation at speed, temperature, load and time of each reading."""
+        """Return the effects of rotation at each reading's speed, temperature, load and time."""
         count = torque_nm.size
         speed, celsius = row_of(readings.speed_rpm, count), row_of(readings.temperature_c, count)
         window_s = readings.window_s
@@ -263,7 +263,7 @@ class MeasuredRotation(Effect):
         return tuple(parts)
 
     def _running_in(self, readings: Readings, start: FloatArray, start_u: FloatArray) -> Component:
-        """Return the effect of running-in; at an unknown time between none and all of it."""
+        """Return the effect of running-in; at an unknown time, between none and all of it."""
         if readings.time_s is None or readings.of_bench:
             u = np.copysign(np.hypot(start / np.sqrt(3.0), start_u), start_u)
             return Component(
@@ -280,5 +280,5 @@ class MeasuredRotation(Effect):
 
 
 def _within(size: FloatArray, u: FloatArray) -> FloatArray:
-    """Return u of a value that lies anywhere up to a size in either direction."""
+    """Return u of a value anywhere within ± a size (rectangular), combined with another u."""
     return np.asarray(np.hypot(size / np.sqrt(3.0), u))

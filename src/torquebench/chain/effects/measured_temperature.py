@@ -1,4 +1,4 @@
-"""Temperature effect on zero and span as measured on one chain."""
+"""Temperature effect on zero and span, as measured on one chain."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from torquebench.uncertainty import Distribution
 __all__ = ["MeasuredTemperature"]
 
 CORRELATION_K = 10.0
-"""Errors of the curves at temperatures farther apart are treated as independent."""
+"""Distance in temperature from which on errors of the curves are treated as independent."""
 
 
 @register("measured temperature")
 @dataclass(frozen=True)
 class MeasuredTemperature(Effect):
-    """Zero and span over temperature, by empty runs and calibrations at several temperatures.
+    """Zero and span over temperature, from empty runs and calibrations at several temperatures.
 
-    Both are relative to the calibration's temperature. A zero that was measured at another
-    temperature contains the change up to there. Outside the measured temperatures, up to the ends
-    of the table, the curves are extrapolated with a larger uncertainty.
+    Both are relative to the calibration's temperature. A zero that was taken at another temperature
+    already contains the change up to that temperature. Outside the measured temperatures, up to the
+    ends of the table, the curves are extrapolated with a larger uncertainty.
 
     Parameters
     ----------
     calibrated_c : float
-        Temperature that the static curve holds at, °C.
+        Temperature of the static curve, °C.
     low_c, high_c : float
         Temperatures between which it was measured, °C.
     at_c : tuple of float
@@ -44,10 +44,11 @@ class MeasuredTemperature(Effect):
     zero_nm, zero_uncertainty_nm : tuple of float
         Change of the zero and its standard uncertainty, N·m.
     span, span_uncertainty : tuple of float
-        The same of the span, share of the torque; empty where it wasn't identified.
+        Change of the span and its standard uncertainty, share of the torque; empty if not
+        identified.
     deviation_k : float
-        Limit by which probe and transducer differ more or less than during these measurements, K:
-        while the temperature changes, the shaft has a gradient.
+        Limit of the change in the difference between probe and transducer since these measurements,
+        K: while the temperature changes, the shaft has a gradient.
     """
 
     title: ClassVar[str] = "temperature of zero and span, measured"
@@ -87,13 +88,13 @@ class MeasuredTemperature(Effect):
 
     @cached_property
     def _kernel_curves(self) -> FloatArray:
-        """The curves, and the slopes of zero and span per K."""
+        """The curves, and the slopes of zero and span per kelvin."""
         slopes = np.gradient(self._curves[::2], self._nodes, axis=1)
         return np.concatenate([self._curves, slopes])
 
     @cached_property
     def _unknown(self) -> tuple[float, float]:
-        """Zero (N·m) and span at an unknown temperature: rectangular."""
+        """Standard uncertainties of zero (N·m) and span at an unknown temperature: rectangular."""
         measured = located(self._nodes, between(self._nodes, self.low_c, self.high_c))
         zero, zero_u, span, span_u = (linear(curve, measured) for curve in self._curves)
         root = np.sqrt(3.0)
@@ -103,7 +104,7 @@ class MeasuredTemperature(Effect):
         )
 
     def outside(self, readings: Readings) -> Refusal | None:
-        """Return which temperatures are outside the curves."""
+        """Return the readings whose temperature is outside the curves."""
         now = row_of(readings.temperature_c, readings.reading_nm.size)
         rows = (now < self.at_c[0]) | (now > self.at_c[-1])
         if not rows.any():
@@ -116,14 +117,14 @@ class MeasuredTemperature(Effect):
         return () if self.span else ("temperature of span",)
 
     def left_of(self, limit: Effect) -> Effect | None:
-        """Return the limit of the span if the span wasn't identified."""
+        """Return the limit of the span, if the span wasn't identified."""
         assert isinstance(limit, Temperature)
         if self.span or limit.span_per_k is None:
             return None
         return replace(limit, zero_nm_per_k=0.0, calibrated_c=self.calibrated_c)
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return zero, span and what a gradient may change at the temperature of each reading."""
+        """Return zero, span and the effect of a gradient, at the temperature of each reading."""
         now = row_of(readings.temperature_c, torque_nm.size)
         zero_u, zero, span_u, span, place, slope = temperature(
             now,

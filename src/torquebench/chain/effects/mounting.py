@@ -27,5 +27,5 @@ class Mounting(Effect):
     percent: float = field(metadata={"least": 0.0})
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return the share of the torque, the same for all readings of a mounting."""
+        """Return a share of the torque, which all readings of a mounting have in common."""
         return (Component("mounting", Shared.MOUNTING, 1e-2 * self.percent * torque_nm),)

@@ -19,18 +19,17 @@ __all__ = ["Reference"]
 @register("reference standard")
 @dataclass(frozen=True)
 class Reference(Effect):
-    """Error of the reference standard, which all torques of the calibration have in common.
+    """Error of the reference standard, which is common to all torques of the calibration.
 
     Parameters
     ----------
     certified : CertifiedUncertainty
         U (k = 2) over the torque, as its certificate states it.
     temperature_of_torque : float, optional
-        Limit by which its span may have changed because it had another temperature in the
-        calibration than in its own, as a share of the torque; None if it isn't known, and then it
-        isn't in U.
+        Limit of the change of its span because its temperature differed from that of its own
+        calibration, as a share of the torque; None if unknown, and then not in U.
     drift_of_torque : float, optional
-        Limit of the drift of its span since its own calibration, likewise.
+        Limit of the drift of its span since its own calibration, as above.
     """
 
     title: ClassVar[str] = "reference standard"
@@ -38,17 +37,17 @@ class Reference(Effect):
         "temperature_of_torque": "temperature of standard",
         "drift_of_torque": "drift of standard",
     }
-    """Fields with limits as a share of the torque, and their components."""
+    """Fields with limits as a share of the torque, and the components that belong to them."""
     certified: CertifiedUncertainty
     temperature_of_torque: float | None = field(default=None, metadata={"least": 0.0})
     drift_of_torque: float | None = field(default=None, metadata={"least": 0.0})
 
     def gaps(self) -> tuple[str, ...]:
-        """Name temperature or drift if no limit of it is known."""
+        """Name temperature and drift, as far as their limits are unknown."""
         return tuple(name for each, name in self.LIMITS.items() if getattr(self, each) is None)
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return half of U, and the limits; a span error affects both directions of torque."""
+        """Return half of U, and the limits; an error of the span affects both directions."""
         half = standard(torque_nm, *self.certified.directions)
         limits = ((name, getattr(self, each)) for each, name in self.LIMITS.items())
         return (
@@ -66,7 +65,7 @@ class Reference(Effect):
         )
 
     def larger(self, other: Reference) -> Reference:
-        """Return the effect of two standards whose points are fitted together."""
+        """Return the effect for points of two standards: the larger uncertainties count."""
         records = dict.fromkeys([*self.record.split("; "), *other.record.split("; ")])
         pairs = {each: (getattr(self, each), getattr(other, each)) for each in self.LIMITS}
         limits = {each: None if None in pair else max(pair) for each, pair in pairs.items()}
@@ -84,7 +83,7 @@ class Reference(Effect):
 
     @classmethod
     def from_specification(cls, values: Mapping[str, Any]) -> Self:
-        """Return the effect that `specification` described."""
+        """Rebuild the effect from its `specification`."""
         others = dict(values)
         torque, expanded = others.pop("torque_nm", ()), others.pop("expanded_uncertainty_nm", ())
         certified = CertifiedUncertainty(tuple(torque), tuple(expanded))

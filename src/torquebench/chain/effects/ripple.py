@@ -1,4 +1,4 @@
-"""Ripple within a revolution, by the angle of the shaft, as empty runs showed it."""
+"""Ripple within a revolution over the shaft's angle, as identified from empty runs."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from torquebench.units import MINUTE, TURN
 __all__ = ["Ripple", "speed_terms"]
 
 _ALIKE_TURNS = 0.25
-"""Over so much of a turn the torque of a ripple keeps its sign."""
+"""Share of a turn over which the torque of a ripple keeps its sign."""
 
 
 def speed_terms(speed_rpm: FloatArray, largest_rpm: float) -> FloatArray:
-    """Return powers of the speed by which the amplitude of an order may change, shape (5, n)."""
+    """Return the powers of the speed on which the amplitude of an order depends, shape (5, n)."""
     share = speed_rpm / largest_rpm
     turns = np.where(np.abs(speed_rpm) > STANDSTILL_RPM, 1.0, 0.0)
     return np.array([turns * share**power for power in range(5)])
@@ -36,25 +36,26 @@ class Ripple(Effect):
 
     Each order is a cosine and a sine of a multiple of the angle, whose amplitudes are polynomials
     of the speed. A reading is the mean over a window, in which the orders average out in part. A
-    reading without an angle isn't corrected, and the size of the ripple in its window is in U; that
-    of a mean over more than a quarter turn falls.
+    reading without an angle isn't corrected, and U contains the size of the ripple in its window,
+    which falls for means over more than a quarter turn.
 
     Parameters
     ----------
     largest_rpm : float
-        Largest speed of the empty runs, 1/min, by which the polynomials count.
+        Largest speed of the empty runs, 1/min: the unit of speed in the polynomials.
     window_s : float
-        Windows of the empty runs, s: what counts where those of the readings aren't known.
+        Windows of the empty runs, s; used if the windows of the readings are unknown.
     orders : tuple of float
-        How often each repeats in a turn.
+        Periods of each order in a turn.
     cosine_nm, sine_nm : table
         Coefficients of `speed_terms` for each order, N·m.
     speeds_rpm, uncertainty_nm : tuple of float
-        Standard uncertainty of the correction, root mean square over a turn, at sizes of the speed.
+        Nodes of the speed's magnitude, and the standard uncertainty of the correction there, root
+        mean square over a turn.
     """
 
     title: ClassVar[str] = "ripple within a revolution"
-    expected: ClassVar[bool] = False  # in the noise of a window where nothing shows it
+    expected: ClassVar[bool] = False  # a window's noise contains it if no run shows it
     needs: ClassVar[tuple[str, ...]] = ("angle_rad", "speed_rpm")
     corrects_reading: ClassVar[bool] = True
     of_turning: ClassVar[bool] = True
@@ -84,7 +85,7 @@ class Ripple(Effect):
         return orders, np.array(self.cosine_nm), np.array(self.sine_nm)
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return the ripple at each reading's angle; without an angle, its size."""
+        """Return the ripple at each reading's angle; without an angle, its size as u."""
         count = torque_nm.size
         speed, angle = row_of(readings.speed_rpm, count), row_of(readings.angle_rad, count)
         turning = np.where(np.isnan(speed), self.largest_rpm, speed)
@@ -115,9 +116,9 @@ class Ripple(Effect):
 
     @staticmethod
     def _turns(readings: Readings, speed: FloatArray, angle: FloatArray) -> FloatArray:
-        """Return where in its turns the shaft was, as far as that is known."""
+        """Return the number of turns at each reading, as far as it is known."""
         time_s = row_of(readings.time_s, angle.size)
-        apart = np.arange(float(angle.size))  # rows that have nothing to do with each other
+        apart = np.arange(float(angle.size))  # independent rows
         timed = np.isfinite(time_s)
         own = np.where(timed, np.nan_to_num(speed) / MINUTE * np.where(timed, time_s, 0.0), apart)
         return np.where(np.isnan(angle), own, angle / TURN)

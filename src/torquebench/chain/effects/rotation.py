@@ -16,9 +16,9 @@ from torquebench.uncertainty import Distribution
 __all__ = ["Rotation"]
 
 STANDSTILL_RPM = 0.5
-"""Speeds up to this are noise of the encoder: readings count as taken at standstill.
+"""Largest speed that counts as standstill: it is noise of the encoder.
 
-Whether a side of the bench stands is `SafetyDescription.at_standstill`.
+`SafetyDescription.at_standstill` decides whether a side of the bench is at standstill.
 """
 
 

@@ -18,12 +18,13 @@ __all__ = ["Scatter"]
 
 @dataclass(frozen=True)
 class Scatter(Effect):
-    """Scatter of the calibration's points: new with every loading, not reduced by averaging.
+    """Scatter of the calibration's points: new with every loading; a mean of readings keeps it.
 
     Parameters
     ----------
     model : CompensationModel
-        Fitted: its scatter over the torque, widened for its degrees of freedom, is one loading's.
+        Fitted model: its scatter over the torque, widened for its degrees of freedom, is that of
+        one loading.
     """
 
     title: ClassVar[str] = "scatter of single loadings"
@@ -35,6 +36,6 @@ class Scatter(Effect):
         return student_widening(self.model.scatter_freedom)
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return the scatter of a mean over the loadings."""
+        """Return the scatter of a mean over a number of loadings."""
         mean = self._widening / sqrt(readings.loadings) * self.model.scatter_at(torque_nm)
         return (Component("scatter", Shared.LOADING, mean),)

@@ -20,9 +20,9 @@ from torquebench.uncertainty import Distribution
 __all__ = ["CORRELATION_SHARE", "StaticCurve"]
 
 CORRELATION_SHARE = 0.1
-"""Errors of the curve at readings farther apart than this share of full scale, or on opposite
-branches, are treated as independent. A smooth curve's errors are correlated over longer distances;
-assuming a shorter distance only makes a comparison's U larger.
+"""Distance of readings, as a share of full scale, from which on the curve's errors are treated as
+independent, as are those on opposite branches. A smooth curve's errors are correlated over longer
+distances; a shorter distance only makes the U of a comparison larger.
 """
 _SQUARE_ROOT_3 = np.sqrt(3.0)
 _SQUARE_ROOT_2 = np.sqrt(2.0)
@@ -32,9 +32,10 @@ _SQUARE_ROOT_2 = np.sqrt(2.0)
 class StaticCurve(Effect):
     """Additional torque of a fitted model, and the remaining uncertainty of the calibration.
 
-    If the model distinguishes the branches of a hysteresis loop, a row's branch is used. If it
-    isn't known, the middle of the loop is used, and half the loop is an arcsine distribution, since
-    after long runs a reading is more probably on one of the branches than between them.
+    If the model distinguishes the branches of a hysteresis loop, the branch of each row is used. If
+    it is unknown, the middle of the loop is used, with half the loop as the half-width of an
+    arcsine distribution, because a reading is more probably on one of the branches than between
+    them.
 
     Parameters
     ----------
@@ -63,10 +64,10 @@ class StaticCurve(Effect):
 
     @property
     def table(self) -> CompensationTable | None:
-        """The model, compiled once within 1e-6 of full scale, or 1e-5 if that takes too long.
+        """Compiled table of the model, within 1e-6 of full scale, or 1e-5 if that takes too long.
 
-        It compensates every reading, and is kept with the model, which several chains share. None
-        if the model uses speed or temperature, or has jumps: it is then evaluated itself.
+        It compensates every reading, and is stored with the model, which several chains share. None
+        if the model uses speed or temperature, or has jumps: then the model itself is evaluated.
         """
         tables = self.model.tables_
         if self.branch_aware not in tables:
@@ -76,7 +77,7 @@ class StaticCurve(Effect):
 
     def _compiled(self) -> CompensationTable | None:
         if {"speed_rpm", "temperature_c"}.intersection(self.model.used_features):
-            return None  # they change while a model is in use
+            return None  # the columns change while a model is in use
         try:
             return compile_table(self.model, branches=self.branch_aware)
         except InputError:
@@ -91,13 +92,13 @@ class StaticCurve(Effect):
         return np.asarray((reading_nm >= self.low_nm) & (reading_nm <= self.high_nm))
 
     def stream(self) -> Effect:
-        """Return the tracker that finds the branch from earlier readings, if there are branches."""
+        """Return a tracker of the branch by earlier readings, if the model has branches."""
         if self.branch_aware and self.table is not None:
             return _FollowedCurve(self.record, self, HistoryCompensator(self.table))
         return self
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return curve and hysteresis by the branch that is given for each reading."""
+        """Return curve and hysteresis for the given branch of each reading."""
         count = torque_nm.size
         if not self.branch_aware:
             torque, curve = self._evaluate(readings, torque_nm, np.zeros(count))
@@ -159,7 +160,7 @@ def _rows(values: Known, inside: np.ndarray[Any, np.dtype[np.bool_]]) -> FloatAr
 
 @dataclass(frozen=True)
 class _FollowedCurve(Effect):
-    """The static curve along one stream: each reading moves its hysteresis play operators."""
+    """The static curve along one stream, in which each reading moves the play operators."""
 
     title: ClassVar[str] = StaticCurve.title
     curve: StaticCurve

@@ -28,12 +28,12 @@ SWITCHES: Mapping[str, tuple[str, ...]] = {
 @register("switched off")
 @dataclass(frozen=True)
 class SwitchedOff(Effect):
-    """Components that aren't corrected; their contribution is a standard uncertainty instead.
+    """Components that aren't corrected: their possible size is a standard uncertainty instead.
 
     Parameters
     ----------
     names : tuple of str
-        Of components.
+        Names of components.
     """
 
     title: ClassVar[str] = "corrections switched off"
@@ -42,12 +42,12 @@ class SwitchedOff(Effect):
 
     @classmethod
     def of(cls, record: str, *switches: str) -> Self:
-        """Return the effect for names of `SWITCHES`; raises `InputError` for others."""
+        """Return the effect for names of `SWITCHES`; raises `InputError` for other names."""
         for each in switches:
             if each not in SWITCHES:
                 raise InputError(Message("nothing called {each!r}", each), ", ".join(SWITCHES))
         return cls(record, tuple(name for each in switches for name in SWITCHES[each]))
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return no correction: the chain omits the named components."""
+        """Return no components: `MeasuringChain` omits the correction of the named ones."""
         return ()

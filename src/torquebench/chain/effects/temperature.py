@@ -21,7 +21,7 @@ _NAMES = ("temperature of zero", "temperature of span")
 @register("temperature")
 @dataclass(frozen=True)
 class Temperature(Effect):
-    """Zero and span over temperature, by coefficients that are known within limits.
+    """Zero and span over temperature, by coefficients within known limits.
 
     The span is relative to the temperature of the calibration, the zero to that of the zeroing. A
     coefficient within ±c and a change of temperature d ± e, both rectangular, give c/√3·√(d² +
@@ -30,7 +30,7 @@ class Temperature(Effect):
     Parameters
     ----------
     zero_nm_per_k : float or None
-        Limit of the zero's change, N·m/K; None if it isn't known, and then it isn't in U.
+        Limit of the zero's change, N·m/K; None if unknown, and then not in U.
     span_per_k : float or None
         Limit of the span's change, share of the torque per K; None as above.
     calibrated_c : float
@@ -51,12 +51,12 @@ class Temperature(Effect):
     deviation_k: float = field(default=0.5, metadata={"least": 0.0})
 
     def gaps(self) -> tuple[str, ...]:
-        """Name zero or span if no limit of it is known."""
+        """Name zero and span, as far as their limits are unknown."""
         limits = (self.zero_nm_per_k, self.span_per_k)
         return tuple(name for name, limit in zip(_NAMES, limits, strict=True) if limit is None)
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return zero and span; the same transducer has the same coefficients at all readings."""
+        """Return zero and span; the coefficients are the same for all readings of a transducer."""
         now, zeroed = readings.temperature_c, readings.zero_temperature_c
         components = []
         if self.zero_nm_per_k:
@@ -72,11 +72,11 @@ class Temperature(Effect):
 
     @property
     def _reach_k(self) -> float:
-        """How far the bench's temperatures may deviate from that of the calibration, K."""
+        """Largest deviation of the bench's temperatures from that of the calibration, K."""
         return max(abs(self.high_c - self.calibrated_c), abs(self.calibrated_c - self.low_c))
 
     def _change(self, now: Known, before: Known, unknown_k: float) -> tuple[FloatArray, Shapes]:
-        """Return the root mean square change of temperature, K, and the shape of its effect."""
+        """Return the RMS change of temperature, K, and the distribution of its effect."""
         change = np.subtract(
             np.nan if now is None else now, np.nan if before is None else before, dtype=np.float64
         )

@@ -22,10 +22,10 @@ class Zero(Effect):
     Parameters
     ----------
     drift_nm_per_h : float or None
-        Limit of the change, N·m an hour; None if it isn't known, and then it isn't in U.
+        Limit of the change, N·m per hour; None if unknown, and then not in U.
     interval_h : float
-        Longest time from one zeroing to the next, h: the age of a zero is at most that, and counts
-        as that where it isn't known.
+        Longest time from one zeroing to the next, h: the largest age of a zero, used if its age is
+        unknown.
     zero_nm : float
         Standard uncertainty of a zero when it is taken, N·m.
     """
@@ -37,11 +37,11 @@ class Zero(Effect):
     zero_nm: float = field(default=0.0, metadata={"least": 0.0})
 
     def gaps(self) -> tuple[str, ...]:
-        """Name the drift if no limit of it is known."""
+        """Name the drift if its limit is unknown."""
         return ("zero drift",) if self.drift_nm_per_h is None else ()
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return the zero, and the limit at its age as a rectangular distribution."""
+        """Return the zero, and the drift's limit at its age as a rectangular distribution."""
         zero = Component("zero", Shared.ZEROING, known_or(readings.zero_nm, self.zero_nm))
         if self.drift_nm_per_h is None:
             return (zero,)

@@ -1,7 +1,7 @@
 """Temperature, rotation and inertia of one chain, identified from empty runs and calibrations.
 
-Physical forms and smooth functions over speed and temperature are fitted at once, weighted by the
-evidence (`evidence`, `basis`). The results are tables that effects interpolate.
+Physical forms and smooth functions over speed and temperature are fitted together, with scales from
+the evidence (`evidence`, `basis`). The results are tables that effects interpolate.
 """
 
 import lazy_loader

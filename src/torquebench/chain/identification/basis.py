@@ -1,9 +1,9 @@
 """Basis functions of temperature, speed, load, acceleration and time.
 
 Physical forms (Coulomb, powers of the speed, Stribeck's fall at low speeds, viscosity that falls
-about exponentially with temperature) and bumps for the rest. Speeds are relative to the largest
-measured one, so that no form needs a constant in rpm: the basis contains Stribeck falls with widths
-from a hundredth of that speed to the speed itself.
+about exponentially with temperature) and local bumps for deviations from these. Speeds are relative
+to the largest measured speed, so that no form needs a constant in rpm: the basis contains Stribeck
+falls with widths from a hundredth of that speed to the speed itself.
 """
 
 from __future__ import annotations
@@ -20,33 +20,34 @@ from torquebench.chain.readings import FloatArray
 __all__ = ["Block", "Circumstances", "blocks", "running_in_columns"]
 
 _KELVIN = 20.0
-"""Unit of temperature changes."""
+"""Unit of temperature changes, K."""
 _FALLS = 2.0 ** -np.arange(1, 8)
 _POWERS = (0.5, 1.0, 1.5, 2.0)
 _SPEED_CENTRES, _SPEED_WIDTH = np.linspace(0.0, 1.0, 9), 0.15
 _WARM_CENTRES, _WARM_WIDTH = np.arange(-40.0, 41.0, 10.0), 13.0
 _CREEPS_S = (10.0, 100.0)
 _WAVES, _WANDER_S = 12, 100.0
-"""Waves of a wandering zero in each run; its scale is what it does in so many seconds."""
-_VISCOSITIES = (0.02, 0.05)  # 1/K, as oils and greases have
+"""Number of waves in the random walk of each run's zero, and the time in s over which it changes by
+its scale."""
+_VISCOSITIES = (0.02, 0.05)  # 1/K, as for oils and greases
 
 
 @dataclass(frozen=True, eq=False)
 class Circumstances:
-    """Under which circumstances something was read; arrays of one length.
+    """Conditions under which readings were taken; arrays of one length.
 
     Parameters
     ----------
     share : float64 array of shape (n,)
         True torque as a share of full scale.
     speed : float64 array of shape (n,)
-        As a share of the largest measured one.
+        Speed as a share of the largest measured speed.
     turning : float64 array of shape (n,)
         Direction of the speed, 0 at standstill.
     warmth_k : float64 array of shape (n,)
-        Temperature less that of the static curve.
+        Temperature, less that of the static curve.
     zeroed_k : float64 array of shape (n,)
-        The same at the zero that the reading counts from.
+        The same at the time of the zero that is subtracted from the reading.
     acceleration, time_s : float64 array of shape (n,)
         Acceleration as a share of the largest measured one.
     branch : float64 array of shape (n,)
@@ -69,7 +70,7 @@ class Circumstances:
 
     @classmethod
     def of(cls, size: int, **known: FloatArray | float) -> Circumstances:
-        """Return circumstances that are 0 but for those that are given."""
+        """Return conditions that are 0 except for the given ones."""
         values = {
             each.name: np.broadcast_to(np.asarray(known.get(each.name, 0.0), float), (size,))
             for each in fields(cls)
@@ -80,7 +81,7 @@ class Circumstances:
         return int(self.share.size)
 
     def at(self, rows: slice | NDArray[np.intp]) -> Circumstances:
-        """Return some of them."""
+        """Return the conditions of some rows."""
         return Circumstances(*(getattr(self, each.name)[rows] for each in fields(self)))
 
 
@@ -104,9 +105,9 @@ class Block:
     columns : callable
         Function from conditions to float64 array of shape (n, k).
     scale : float
-        Usual size of the weights, 1e-4 of full scale.
+        Typical size of the weights, in 1e-4 of full scale.
     spread : float
-        Standard deviation of the logarithm of that size over chains.
+        Standard deviation of that size's logarithm between chains.
     """
 
     name: str
@@ -125,13 +126,13 @@ def _warm(c: Circumstances, power: int) -> FloatArray:
 
 
 def _warm_bumps(c: Circumstances) -> FloatArray:
-    """Bumps over temperature, less their value at the static curve's temperature."""
+    """Local bumps over temperature, less their value at the static curve's temperature."""
     bumps = np.exp(-0.5 * ((c.warmth_k[:, None] - _WARM_CENTRES) / _WARM_WIDTH) ** 2)
     return np.asarray(bumps - np.exp(-0.5 * (_WARM_CENTRES / _WARM_WIDTH) ** 2))
 
 
 def _since_zero(columns: Columns) -> Columns:
-    """Return the change since the zero was measured."""
+    """Return the columns' change since the zero was taken."""
     return lambda c: columns(c) - columns(replace(c, warmth_k=c.zeroed_k))
 
 
@@ -165,7 +166,7 @@ def _forms(c: Circumstances) -> FloatArray:
 
 
 def _static_columns(c: Circumstances) -> FloatArray:
-    """Return columns for errors of the first fit of the static curve."""
+    """Return columns for errors of the preliminary static curve."""
     x, side = c.share, np.sign(c.share)
     waves = [f(k * np.pi * x) for k in range(1, 5) for f in (np.sin, np.cos)]
     loops = [c.branch * side * (1 - np.abs(x)) ** k for k in (1, 2)]
@@ -190,13 +191,13 @@ def _drag_on_load(c: Circumstances) -> FloatArray:
 
 
 def _bent_drag_on_load(c: Circumstances) -> FloatArray:
-    """Return columns of a drag that isn't proportional to the load."""
+    """Return columns for a drag that isn't proportional to the load."""
     size = np.abs(c.share)
     return _stack(size**2, size**0.5)
 
 
 def _zeros_of_runs(runs: int) -> Columns:
-    """Return columns of each run's zero after creep and remanence: constant and decaying part."""
+    """Return columns for each run's zero by creep and remanence: constant and decaying."""
 
     def columns(c: Circumstances) -> FloatArray:
         own = c.run[:, None] == np.arange(1, runs + 1)
@@ -209,11 +210,11 @@ def _zeros_of_runs(runs: int) -> Columns:
 
 
 def _random_walks(lengths_s: FloatArray) -> Columns:
-    """Return how the zero of each run may wander: the largest parts of a random walk.
+    """Return columns for the drift of each run's zero: the largest parts of a random walk.
 
-    They are its Karhunen-Loève expansion, the best one by a given number of waves. Temperature
-    hardly changes within a run: without them its slow changes would pass for a steep change of the
-    zero over temperature.
+    They are its Karhunen-Loève expansion, the best approximation with a given number of waves. The
+    temperature hardly changes within a run: without these columns, the slow drift would be fitted
+    as a steep change of the zero over temperature.
     """
     waves = (np.arange(_WAVES) + 0.5) * np.pi
     sizes = np.sqrt(2.0 * np.maximum(lengths_s, 1e-9) / _WANDER_S)
@@ -230,7 +231,7 @@ def _random_walks(lengths_s: FloatArray) -> Columns:
 
 
 def blocks(lengths_s: Sequence[float]) -> tuple[Block, ...]:
-    """Return all blocks of columns, for empty runs of some lengths."""
+    """Return all blocks of columns for empty runs of given lengths."""
 
     def warm(power: int) -> Columns:
         return lambda c: _stack(_warm(c, power))
@@ -282,7 +283,7 @@ def blocks(lengths_s: Sequence[float]) -> tuple[Block, ...]:
 
 
 def running_in_columns(time_s: float) -> Columns:
-    """Return columns of a drag that decays with a time constant."""
+    """Return columns for a drag that decays with a time constant."""
 
     def columns(c: Circumstances) -> FloatArray:
         left = c.turning * np.exp(-np.maximum(c.time_s, 0.0) / time_s)

@@ -1,4 +1,4 @@
-"""Linear model with blocks of columns: scales by evidence, and the uncertainty of the scales."""
+"""Linear model with blocks of columns; their scales follow from the evidence."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _LARGEST = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Normal:
-    """Normal equations of rows with a common noise.
+    """Normal equations of rows that have a common noise.
 
     Parameters
     ----------
     matrix, vector : float64 array of shape (p, p), (p,)
-        Of the columns, and of columns and target.
+        Products of the columns with each other, and with the target.
     square : float
         Sum of squares of the target.
     rows : float
@@ -41,11 +41,11 @@ class Normal:
 
     @classmethod
     def of(cls, columns: FloatArray, target: FloatArray) -> Normal:
-        """Return the matrices of rows."""
+        """Return the normal equations of rows."""
         return cls(columns.T @ columns, columns.T @ target, float(target @ target), target.size)
 
     def widened(self, columns: FloatArray, more: FloatArray, target: FloatArray) -> Normal:
-        """Return the matrices of the same rows with more columns."""
+        """Return the normal equations of the same rows with additional columns."""
         across = columns.T @ more
         return Normal(
             np.block([[self.matrix, across], [across.T, more.T @ more]]),
@@ -63,13 +63,13 @@ class Normal:
         )
 
     def thinned(self, by: float) -> Normal:
-        """Return the share of rows of which only every by-th is independent."""
+        """Return the normal equations with only every `by`-th row counted as independent."""
         return Normal(self.matrix / by, self.vector / by, self.square / by, self.rows / by)
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Weights of all columns, at the most probable scales and beside them.
+    """Weights of all columns at the most probable scales and at neighbouring scales.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Posterior:
     shifts : float64 array of shape (m, p)
         Change of the mean by one standard deviation along each axis of the scales' posterior.
     spreads : list of float64 array of shape (p, p)
-        Mean covariance at both ends of each axis.
+        Mean of the covariances at both ends of each axis.
     noise : float64 array of shape (g,)
         Standard deviation of the rows of each group.
     log_evidence : float
@@ -95,13 +95,13 @@ class Posterior:
     theta: FloatArray
 
     def at(self, columns: FloatArray, members: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        """Return value and standard uncertainty of a function, given some of the columns.
+        """Return value and standard uncertainty of a function of some columns.
 
         Parameters
         ----------
         columns : float64 array of shape (n, k)
         members : int array of shape (k,)
-            Which of the weights they belong to.
+            Indices of the weights of these columns.
         """
         chosen = np.ix_(members, members)
 
@@ -124,22 +124,22 @@ def explore(
     *,
     doubtful: bool = True,
 ) -> Posterior:
-    """Find the scales of the blocks and the noise of the groups, and the weights.
+    """Find the scales of the blocks, the noise of the groups, and the weights.
 
     Parameters
     ----------
     groups : sequence of Normal
-        Rows by their noise.
+        Rows, grouped by their noise.
     sizes : sequence of int
         Columns of each block, in order.
     centres, widths : float64 array of shape (blocks + groups,)
-        Mean and standard deviation of the logarithms of scales and noise before the data.
+        Prior mean and standard deviation of the logarithms of scales and noise.
     start : float64 array, optional
-        Where to begin.
+        Start values of these logarithms.
     doubtful : bool
         Whether to average over scales around the most probable ones.
     """
-    from scipy.optimize import minimize  # imported late: only empty runs need it
+    from scipy.optimize import minimize  # imported late: only empty runs need SciPy's optimiser
 
     owner = np.repeat(np.arange(len(sizes)), sizes)
     problem = _Problem(tuple(groups), owner, centres, widths)
@@ -178,16 +178,16 @@ def gain(
     fit: Posterior,
     scale: float,
 ) -> float:
-    """Return the gain in log evidence by a further, last block.
+    """Return the gain in log evidence by an additional last block.
 
     Parameters
     ----------
     groups, sizes
-        As for `explore`, with the block.
+        As for `explore`, the additional block included.
     prior : tuple of float64 array
-        Centres and widths without it.
+        Centres and widths without the block.
     fit : Posterior
-        Without it; all other scales stay.
+        Posterior without the block; its scales aren't changed.
     scale : float
         Logarithm of the block's scale.
     """

@@ -1,4 +1,4 @@
-"""Factor on the drag of the bearings by the present state of their lubricant."""
+"""Factor on the bearings' drag by the present state of their lubricant."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from torquebench.message import Message
 __all__ = ["identify_lubrication"]
 
 _BINS = 20
-"""Of the speed, up to the largest one."""
+"""Number of bins of the speed, up to the largest speed."""
 _FEWEST_IN_BIN = 10
 _FEWEST_SPEEDS = 4
 _LARGEST_U = 0.3
@@ -30,20 +30,20 @@ _SEPARATOR = "; drag multiplied by"
 def identify_lubrication(
     effects: Sequence[Effect], run: EmptyRun, lubricant: str = ""
 ) -> MeasuredRotation:
-    """Return a chain's rotation with the drag of the present lubricant.
+    """Return a chain's rotation with the drag for the present lubricant.
 
-    The drag of the run, as the part of the reading that follows the chain's drag over speed and
-    temperature, gives the factor; a constant zero is free. The standard uncertainty contains how
-    far the drag at single speeds deviates from the factor.
+    The factor is fitted such that the chain's drag over speed and temperature describes the
+    readings of the run, with a free constant zero. Its standard uncertainty contains the deviations
+    of the drag at single speeds.
 
     Parameters
     ----------
     effects : sequence of Effect
-        Of the chain.
+        Effects of the chain.
     run : EmptyRun
-        With the present lubricant, at any temperature within the chain's.
+        Run with the present lubricant, at any temperature in the chain's range.
     lubricant : str
-        Its type, amount and hours, for the record.
+        Type, amount and operating hours of the lubricant, for the record.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def identify_lubrication(
     noise = float(spread @ spread) / free
     factor = rotation.lubrication * (1.0 + slope)
     left_over = float(np.sum(np.square(spread / known))) / free
-    # of the slope, and of what one factor leaves at a single speed
+    # of the slope, and of the deviations from one common factor at single speeds
     relative = np.sqrt(noise / max(power, 1e-300) + left_over)
     u = float(rotation.lubrication * student_widening(free) * relative)
     if not (u <= _LARGEST_U * max(factor, 0.0)):

@@ -25,14 +25,14 @@ __all__ = [
 ]
 
 SAME_K = 2.0
-"""Points whose temperatures spread less than this were measured at one temperature."""
+"""Largest spread of the temperatures of points that count as measured at one temperature."""
 
 _FEWEST_ROWS = 20
 
 
 @dataclass(frozen=True, eq=False)
 class EmptyRun:
-    """A run with nothing mounted: the true torque is caused by inertia only.
+    """A run with nothing mounted, in which only inertia causes a true torque.
 
     Parameters
     ----------
@@ -41,11 +41,12 @@ class EmptyRun:
     time_s, reading_nm, speed_rpm, temperature_c : float64 array of shape (n,)
         At an even rate.
     acceleration_rad_s2 : float64 array of shape (n,), optional
-        From the speed where it isn't given.
+        Angular acceleration; from the speed by default.
     angle_rad : float64 array of shape (n,), optional
-        Of the shaft in the middle of each window, from the same mark in all runs.
+        Angle of the shaft in the middle of each window, from the same mark in all runs.
     zero_nm : float, optional
-        The frequency of the zero that the readings count from, as a torque by the nominal zero.
+        Zero that was subtracted from the readings: its frequency, as a torque from the nominal
+        zero.
 
     Raises
     ------
@@ -95,7 +96,7 @@ class EmptyRun:
 
     @cached_property
     def acceleration(self) -> FloatArray:
-        """Angular acceleration, by the speed where it wasn't recorded, rad/s²."""
+        """Angular acceleration, from the speed if it wasn't recorded, rad/s²."""
         if self.acceleration_rad_s2 is not None:
             return self.acceleration_rad_s2
         by_speed = AccelerationBySpeed.of(self.time_s, self.speed_rpm)
@@ -113,17 +114,18 @@ class TurningCalibration:
     ----------
     reading_nm, standard_nm, branch : float64 array of shape (n,)
     speed_rpm : float64 array of shape (n,)
-        0 where it was at standstill.
+        Speed; 0 at standstill.
     temperature_c : float64 array of shape (n,) or None
         None where it wasn't measured.
     standard_error_nm : float64 array of shape (n,), optional
-        Of readings that are means; None where they are single ones.
+        Standard error of readings that are means; None for single readings.
     zero_nm : float64 array of shape (n,), optional
-        The zero that each reading counts from, as `EmptyRun.zero_nm` states it.
+        Zero that was subtracted from each reading, as in `EmptyRun.zero_nm`.
     zero_temperature_c : float64 array of shape (n,), optional
-        Temperature at the zero that each reading counts from; that of the static curve by default.
+        Temperature at the zero that was subtracted; by default that of the static curve.
     unloaded : bool array of shape (n,), optional
-        Where no torque was commanded. Drives don't reach 0 exactly; None where it isn't known.
+        Points at which no torque was commanded, because drives don't reach 0 exactly; None if
+        unknown.
     """
 
     reading_nm: FloatArray
@@ -144,7 +146,7 @@ class Zeros:
     Parameters
     ----------
     zero_nm : float64 array of shape (n,)
-        As torques, counted like the readings related to one zero.
+        Zeros as torques, relative to the same zero as the readings.
     temperature_c : float64 array of shape (n,)
     """
 
@@ -155,17 +157,17 @@ class Zeros:
 def related_to_one_zero(
     calibration: TurningCalibration, runs: Sequence[EmptyRun]
 ) -> tuple[TurningCalibration, list[EmptyRun], Zeros | None]:
-    """Return points and runs whose readings count from one zero, and the zeros that were taken.
+    """Return points and runs with readings relative to one common zero, and the zeros taken.
 
-    A zero is taken once, with one seating of the parts; the points after it have many. If all
-    tables state their zeros, the points thus show the zero at their temperature better than the
-    zeros themselves. All readings then count from the zero of the most points. Otherwise the points
-    keep their zeros, and the runs count from the zero of the first.
+    A zero is taken once, with one seating of the parts, while the points after it average over many
+    loadings. If all tables state their zeros, the points thus show the zero at their temperature
+    better than single zeros do: all readings are then related to the zero of the most points.
+    Otherwise the points keep their zeros, and the runs are related to the zero of the first run.
 
     Raises
     ------
     InputError
-        Where some runs say which zero that is and others don't.
+        If some runs state their zero and others don't.
     """
     known = [run for run in runs if run.zero_nm is not None]
     if known and len(known) < len(runs):
@@ -202,8 +204,8 @@ def _counted_from(run: EmptyRun, zero_nm: float | None) -> EmptyRun:
 
 
 def usual_points(speed_rpm: FloatArray, temperature_c: FloatArray) -> NDArray[np.bool_]:
-    """Return the points at standstill, if any, and at the temperature of most of them."""
-    from torquebench.chain.effects.rotation import STANDSTILL_RPM  # heavy, and records import this
+    """Return the points at standstill, if there are any, and at the most frequent temperature."""
+    from torquebench.chain.effects.rotation import STANDSTILL_RPM  # imported late: heavy
 
     still = np.abs(speed_rpm) <= STANDSTILL_RPM
     usual = still if still.any() else np.ones(still.size, dtype=bool)
@@ -216,9 +218,9 @@ def usual_points(speed_rpm: FloatArray, temperature_c: FloatArray) -> NDArray[np
 
 
 def stretches(speed_rpm: FloatArray | None, temperature_c: FloatArray | None) -> NDArray[np.int64]:
-    """Return numbers of points that rise wherever temperature or speed changed.
+    """Return a number for each point that rises whenever temperature or speed changed.
 
-    Stretches are separated in time. A single 1 where neither is known.
+    Equal numbers follow each other in time. All are 1 if neither is known.
 
     Examples
     --------

@@ -19,25 +19,27 @@ __all__ = ["identify_ripple", "without_ripple"]
 ORDERS = (1, 2, 3, 4, 5, 6)
 _TERMS = 5
 _SLOW_S = 0.5
-"""Means over so long are slow: what temperature, drag and ramps do."""
+"""Time over which means contain only slow changes, by temperature, drag and ramps, s."""
 _FEWEST_ROWS = 200
 _LEAST_GAIN = 40.0
-"""Fall of the sum of squares by an order's ten columns, in variances: chance gives 10 ± 4.5."""
+"""Smallest fall of the sum of squares by an order's ten columns, in variances (by chance: 10 ±
+4.5)."""
 _SPEEDS = 24
 _MOST_TURNS = 0.9
-"""Periods of an order in a window, of which hardly anything is left from here on."""
+"""Periods of an order in a window, from which on the mean over the window removes nearly all of
+it."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Readings of one run without what is slow, and the columns of all orders likewise."""
+    """Readings of one run and the columns of all orders, both without slow changes."""
 
     columns: FloatArray
     target: FloatArray
 
     @classmethod
     def of(cls, run: EmptyRun, angle: FloatArray, largest: float, window_s: float) -> _Rows:
-        from scipy.ndimage import uniform_filter1d  # imported late: only empty runs need it
+        from scipy.ndimage import uniform_filter1d  # imported late: empty runs only
 
         size = max(round(_SLOW_S / window_s) | 1, 3)
         terms = speed_terms(run.speed_rpm, largest)
@@ -58,12 +60,12 @@ class _Rows:
 
 
 def identify_ripple(runs: Sequence[EmptyRun]) -> Ripple | None:
-    """Return the orders that stand out of the noise; None for none, or without angles.
+    """Return the ripple of all significant orders; None without any, or without angles.
 
     Parameters
     ----------
     runs : sequence of EmptyRun
-        Those without an angle are passed over.
+        Empty runs; those without an angle are ignored.
     """
     known = [run for run in runs if run.angle_rad is not None and len(run) >= _FEWEST_ROWS]
     if not known:
@@ -105,7 +107,7 @@ def identify_ripple(runs: Sequence[EmptyRun]) -> Ripple | None:
 
 
 def without_ripple(ripple: Ripple | None, runs: Sequence[EmptyRun]) -> list[EmptyRun]:
-    """Return runs whose readings have no ripple any more, where their angle is known."""
+    """Return runs with the ripple subtracted, where their angle is known."""
     found = []
     for run in runs:
         if ripple is None or run.angle_rad is None:
@@ -123,7 +125,7 @@ def _members(orders: Sequence[int]) -> FloatArray:
 
 
 def _standing_out(rows: Sequence[_Rows]) -> list[int]:
-    """Return the orders whose columns lower the sum of squares by more than chance."""
+    """Return the orders whose columns lower the sum of squares by more than chance does."""
     found = list(ORDERS)
     variance = _residual_variance(rows)
     for order in ORDERS:
@@ -161,16 +163,17 @@ def _residual_variance(rows: Sequence[_Rows]) -> float:
 
 
 def _solved(rows: Sequence[_Rows], variance: float, scale: float) -> tuple[FloatArray, FloatArray]:
-    """Return weights and their covariance, given the noise and the usual size of the weights."""
+    """Return the weights and their covariance, for given noise and prior size."""
     matrix, vector = _normal(rows)
     inverse = np.linalg.inv(matrix / variance + np.eye(vector.size) / scale**2)
     return inverse @ vector / variance, np.asarray(inverse, dtype=float)
 
 
 def _scale(rows: Sequence[_Rows], variance: float) -> float:
-    """Return the size of the weights under which the rows are most probable.
+    """Return the prior size of the weights under which the rows are most probable.
 
-    Polynomials of the speed are alike where the runs had no speeds: only what they show counts.
+    At speeds that the runs don't contain, the polynomials can't be distinguished: the evidence only
+    counts the directions that the data determine.
     """
     matrix, vector = _normal(rows)
     size, axes = np.linalg.eigh(matrix)
@@ -189,7 +192,7 @@ def _scale(rows: Sequence[_Rows], variance: float) -> float:
 def _by_speed(
     orders: Sequence[int], speeds: FloatArray, largest: float, window_s: float
 ) -> FloatArray:
-    """Return what weights make of each amplitude at speeds, shape (2 orders, speeds, weights)."""
+    """Return the map from weights to amplitudes at speeds, (2 orders, speeds, weights)."""
     terms = speed_terms(speeds, largest)
     size = 2 * len(orders)
     found = np.zeros((size, speeds.size, size * _TERMS))

@@ -1,4 +1,4 @@
-"""Identify effects of temperature, rotation and acceleration as tables."""
+"""Identify the effects of temperature, rotation and acceleration as tables."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ _UNIT = 1e-4
 """Unit of the columns' weights, as a share of full scale."""
 _NOISE, _NOISE_SPREAD = 1.0, 1.5
 LEAST_KELVIN = 4.0
-"""A smaller spread of temperatures doesn't identify zero or span."""
+"""Smallest range of temperatures that identifies zero or span, K."""
 _LEAST_SPEEDS = 4
 _LEAST_RAD_S2 = 1.0
 _LEAST_LOAD = 0.2
 _FEWEST_POINTS = 8
 _BEND = 0.045
-"""Prior size of bumps over temperature, as a share of the linear part over 20 K."""
+"""Prior size of local bumps over temperature, as a share of the linear part over 20 K."""
 _OUTLIER = 5.0
 _RUNNING_IN_GAIN = 6.0
 _LEAST_EXTENSION_K = 10.0
@@ -55,7 +55,7 @@ _SPEED_NODES = 48
 _STILL = 0.001
 _FEWEST_IN_BIN = 20
 _MOST_ROWS = 20_000
-"""Most rows of a run; samples of longer runs are averaged in groups."""
+"""Largest number of rows in a run; samples of longer runs are averaged in groups."""
 
 
 @dataclass(frozen=True)
@@ -65,11 +65,11 @@ class Identified:
     Parameters
     ----------
     effects : tuple of Effect
-        Measured temperature, rotation, inertia: those that the data identify.
+        Measured temperature, rotation and inertia, as far as the data identify them.
     corrected_nm : float64 array of shape (n,)
-        Readings of the calibration as they would be at standstill and at its temperature.
+        Readings of the calibration, converted to standstill and to its temperature.
     series : int array of shape (n,)
-        Number of the stretch of points under the same circumstances, in the order of time.
+        Number of the group of consecutive points under the same conditions, in the order of time.
     remarks : tuple of str
         Effects that weren't identified, and the runs that would identify them.
     """
@@ -134,7 +134,7 @@ def _corrected(calibration: TurningCalibration, effects: Sequence[Effect]) -> Fl
         temperature_c=calibration.temperature_c,
         zero_temperature_c=calibration.zero_temperature_c,
         acceleration_rad_s2=0.0,
-        time_s=np.full(calibration.reading_nm.size, np.inf),  # after running-in
+        time_s=np.full(calibration.reading_nm.size, np.inf),  # long after running-in
         window_s=np.inf,
     )
     torque = calibration.reading_nm
@@ -161,15 +161,15 @@ class _Data:
     words: str
     window_s: float = 0.0
     point_noise: float | None = None
-    """Standard error of the calibration's points, share of full scale, where it is known."""
+    """Standard error of the calibration's points, share of full scale, if known."""
     additional: Callable[[FloatArray], FloatArray] = np.zeros_like
-    """Additional torque by the static curve, at readings on an unknown branch, N·m."""
+    """Additional torque by the static curve at readings of unknown branch, N·m."""
 
     @classmethod
     def of(
         cls, calibration: TurningCalibration, runs: Sequence[EmptyRun], range_nm: float
     ) -> _Data:
-        """Put the rows together."""
+        """Convert and combine the rows of calibration and runs."""
         warm = calibration.temperature_c
         warmth = [run.temperature_c for run in runs]
         if warm is None and runs and np.ptp(np.concatenate(warmth)) >= LEAST_KELVIN:
@@ -186,7 +186,8 @@ class _Data:
         speeds = np.concatenate([calibration.speed_rpm, *(run.speed_rpm for run in runs)])
         largest_rpm = max(float(np.max(np.abs(speeds))), 1.0)
         accelerations = [np.abs(run.acceleration) for run in runs]
-        # derived values at the ends of ramps don't represent the driven accelerations
+        # the accelerations at the ends of ramps are derived from the speed and aren't those of the
+        # drive
         largest_rad_s2 = float(np.quantile(np.concatenate(accelerations), 0.995)) if runs else 0.0
         share = calibration.standard_nm / range_nm
         curve = _static_curve(calibration, near, range_nm)
@@ -263,7 +264,7 @@ class _Data:
         return frozenset(found)
 
     def gaps(self) -> list[str]:
-        """Return the effects that aren't identified, and the runs that would identify them."""
+        """Return the effects that weren't identified, and the runs that would identify them."""
         has_runs = bool(self.runs)
         said = {
             "zero": Message(
@@ -301,7 +302,7 @@ def _point_noise(calibration: TurningCalibration, range_nm: float) -> float | No
 
 
 def _words(calibration: TurningCalibration, runs: Sequence[EmptyRun]) -> str:
-    """Return the provenance that the effects state."""
+    """Return the provenance of the effects in words."""
     points = Message("{size} points of the calibration", calibration.reading_nm.size)
     if not runs:
         return points
@@ -314,7 +315,7 @@ def _words(calibration: TurningCalibration, runs: Sequence[EmptyRun]) -> str:
 def _static_curve(
     calibration: TurningCalibration, near: NDArray[np.bool_], range_nm: float
 ) -> CompensationModel:
-    """Return a static curve by the points at standstill and at one temperature."""
+    """Return a static curve from the points at standstill and at one temperature."""
     rows = near if np.sum(near) >= _FEWEST_POINTS else np.ones(near.size, dtype=bool)
     if np.sum(rows) < _FEWEST_POINTS:
         raise InputError(
@@ -340,7 +341,7 @@ def _additional_at(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """The posterior of all blocks, and functions of it."""
+    """Posterior of all blocks, and functions of it."""
 
     data: _Data
     used: tuple[Block, ...]
@@ -348,7 +349,7 @@ class _Fit:
     posterior: Posterior
     running_in_s: float
     left_over: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros(0))
-    """Speed as a share of the largest, and the fit's residuals of the empty runs."""
+    """Speed as a share of the largest speed, and the fit's residuals in the empty runs."""
 
     @classmethod
     def of(cls, data: _Data, used: Sequence[Block]) -> _Fit:
@@ -378,7 +379,7 @@ class _Fit:
         else:
             start = fitted.theta
         posterior = explore(groups, sizes, centres, widths, start)
-        single = np.sqrt(together)  # what means of some samples leave, for each of them
+        single = np.sqrt(together)  # converts residuals of group means to those of single samples
         left_over = (
             np.concatenate([np.zeros(0), *(np.abs(rows.speed) for _, _, rows in runs)]),
             np.concatenate([np.zeros(0), *(single * (t - c @ posterior.mean) for c, t, _ in runs)]),
@@ -386,7 +387,7 @@ class _Fit:
         return cls(data, tuple(used), _members(used, sizes), posterior, time_s, left_over)
 
     def function(self, group: str, at: Circumstances) -> tuple[FloatArray, FloatArray]:
-        """Return value and standard uncertainty of a group of blocks, share of full scale."""
+        """Return value and standard uncertainty of a group of blocks, as shares of full scale."""
         own = [block for block in self.used if block.group == group]
         members = np.concatenate([self.members[block.name] for block in own])
         value, u = self.posterior.at(_columns(own, at), members)
@@ -403,7 +404,7 @@ def _columns(used: Sequence[Block], rows: Circumstances) -> FloatArray:
 def _averaged(
     used: Sequence[Block], rows: Circumstances, target: FloatArray, together: int
 ) -> _Run:
-    """Return a run averaged in groups of samples, to limit its size."""
+    """Return a run averaged over groups of samples, to limit its size."""
     if together == 1:
         return _columns(used, rows), target, rows
     count = target.size // together
@@ -446,7 +447,7 @@ def _groups(runs: Sequence[_Run], points: Normal, slowness: float = 1.0) -> list
 
 
 def _cleaned(runs: list[_Run], fit: Posterior) -> tuple[list[_Run], float]:
-    """Return runs without outliers, and the correlation of their noise over time."""
+    """Return the runs without outliers, and the autocorrelation time of their noise."""
     if not runs:
         return runs, 1.0
     residuals = [target - columns @ fit.mean for columns, target, _ in runs]
@@ -477,7 +478,7 @@ def _autocorrelation_time(residual: FloatArray) -> float:
 
 
 def _tied(centres: FloatArray, used: Sequence[Block], data: _Data, fit: _Fit) -> FloatArray:
-    """Return centres with bumps over temperature in proportion to the fitted slope."""
+    """Return centres with the prior size of temperature bumps in proportion to the fitted slope."""
     tied = centres.copy()
     low, high = (limit - data.calibrated_c for limit in data.limits_c)
     at = Circumstances.of(2, share=1.0, warmth_k=np.array([low, high]))
@@ -498,7 +499,7 @@ def _running_in(
     prior: tuple[FloatArray, FloatArray],
     data: _Data,
 ) -> float:
-    """Return the time constant with which drag decays, s; 0 where the runs show none."""
+    """Return the time constant of a decaying drag, s; 0 if the runs show none."""
     if not runs or "odd" not in data.groups:
         return 0.0
     longest = max(float(np.max(rows.time_s)) for _, _, rows in runs)
@@ -535,9 +536,10 @@ def _effects(fit: _Fit) -> tuple[Effect, ...]:
 
 
 def _remanence(calibration: TurningCalibration, corrected_nm: FloatArray) -> float:
-    """Return half the difference between unloading from either direction, N·m; 0 if not measured.
+    """Return half the difference of the zeros after both directions, N·m; 0 if it wasn't measured.
 
-    Unloaded points that follow a load show it, in both directions under the same circumstances.
+    It is calculated from unloaded points that follow a load, in both directions under the same
+    conditions.
     """
     torque, unloaded = calibration.standard_nm, calibration.unloaded
     if unloaded is None:
@@ -555,11 +557,11 @@ def _remanence(calibration: TurningCalibration, corrected_nm: FloatArray) -> flo
 
 
 def _zero(fit: _Fit, zeros: Zeros, remanence_nm: float) -> tuple[float, tuple[Zero, ...]]:
-    """Return the mean of the zeros about that of the points, N·m, and the scatter of single ones.
+    """Return the mean zero relative to that of the points, N·m, and the scatter of zeros.
 
-    A loading reseats the parts, and a zero follows one loading only. The tables'
-    zeros have similar loads before them, one in use has any: it follows an unloading from one of
-    two directions.
+    Every loading changes the seating of the parts, and a zero follows one loading only. The zeros
+    in the tables follow similar loads, but a zero in use may follow a load in either direction: the
+    remanence is added.
     """
     data, fewest = fit.data, 3
     at = Circumstances.of(zeros.zero_nm.size, warmth_k=zeros.temperature_c - data.calibrated_c)
@@ -662,9 +664,9 @@ def _rotation(fit: _Fit) -> MeasuredRotation:
 
 
 def _noise(fit: _Fit, shares: FloatArray) -> FloatArray:
-    """Return the additional scatter of single readings at speed over points, share of range.
+    """Return the scatter of single readings at speed, beyond that of the points, share of range.
 
-    Points without a standard error aren't means: they scatter like readings at standstill.
+    Points without a standard error are single readings, which scatter like those at standstill.
     """
     size, left = fit.left_over
     still = left[size <= _STILL]
@@ -681,10 +683,10 @@ def _noise(fit: _Fit, shares: FloatArray) -> FloatArray:
 
 
 def _inertia(fit: _Fit) -> Inertia:
-    """Return the moment of inertia, in doubt by how much else the chain reads of small torques.
+    """Return the moment of inertia; its u contains the chain's curve at small torques.
 
-    Empty runs show it without load, where a backlash or a step at the reversal may take or add a
-    part of it. Under load it counts as a whole, or not, by where in the chain that part arises.
+    Empty runs show it without load, where backlash or a step at the reversal may add or remove a
+    part of it. Whether this part also exists under load depends on its origin in the chain.
     """
     data = fit.data
     value, u = fit.function("inertia", Circumstances.of(1, acceleration=1.0))
