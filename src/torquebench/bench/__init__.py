@@ -1,7 +1,7 @@
 """The bench: its description, instruments, acquisition, devices, interlocks and supervisor.
 
-Instruments sit behind narrow roles (`drivers`); acquisition turns their edges into torque in a
-thread of its own, and the supervisor judges every block below any procedure.
+Instruments have narrow interfaces (`drivers`); acquisition converts their edges to torque in a
+thread of its own, and the supervisor checks every block, independently of procedures.
 """
 
 import lazy_loader

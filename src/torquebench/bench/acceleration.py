@@ -14,7 +14,8 @@ from torquebench.units import TURN
 __all__ = ["UNKNOWN", "Acceleration", "EncoderAcceleration"]
 
 LEAST_SPAN_S = 0.03
-"""Shortest time over which acceleration is evaluated, s: over less, encoder counts would show."""
+"""Shortest time over which acceleration is evaluated, s: over a shorter time, encoder counts would
+dominate."""
 FEWEST_SAMPLES = 5
 
 
@@ -29,10 +30,10 @@ UNKNOWN = Acceleration(float("nan"), float("nan"))
 
 
 class EncoderAcceleration:
-    """Acceleration block by block: the bend of a parabola through the angle's samples.
+    """Acceleration of each block: the curvature of a parabola through the angle's samples.
 
-    The uncertainty consists of the parabola's and of a ramp that may begin or end within the block:
-    any acceleration between the previous and the present one (rectangular).
+    The uncertainty consists of that of the parabola and of a ramp that may begin or end within the
+    block: any acceleration between the previous and the present one (rectangular).
 
     Examples
     --------
@@ -47,12 +48,12 @@ class EncoderAcceleration:
     def __init__(self) -> None:
         self._before = float("nan")
         nothing = np.zeros(FEWEST_SAMPLES)
-        parabola(nothing, 0.0, nothing, 1.0)  # compiled before a block has to wait for it
+        parabola(nothing, 0.0, nothing, 1.0)  # compiled here, so that no block has to wait for it
 
     def __call__(
         self, time_s: NDArray[np.float64], counts: NDArray[np.number], per_revolution: int
     ) -> Acceleration:
-        """Return the acceleration over a block's samples; a short block uses earlier samples too.
+        """Return the acceleration over a block's samples; a short block also uses earlier samples.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
 """Continuous acquisition in a thread of its own: from edges to torque.
 
-A block of edges becomes frequency, torque and, where a compensation is active, compensated torque.
+A block of edges becomes frequency, torque and, with an active compensation, compensated torque.
 Then the supervisor checks it, the journal records it (a journal failure brings the bench to the
-safe state) and viewers that keep up receive it.
+safe state), and viewers receive it.
 """
 
 from __future__ import annotations
@@ -43,33 +43,35 @@ from torquebench.units import TURN
 __all__ = ["Acquisition", "JournalSink"]
 
 CATCHING_UP_S = 10.0
-"""Longest bench time that is caught up at the start, s."""
+"""Largest backlog of bench time that is read at the start, s."""
 CAUGHT_UP_BLOCKS = 10
-"""After this many blocks in a row that didn't come sooner than the one before, nothing is buffered.
+"""Number of blocks in a row that came no sooner than the one before, after which the counter's
+buffer counts as empty.
 """
 HELD_BLOCKS = 20
 """Largest number of blocks that are compensated and recorded together in fast time."""
 DEMAND_POLL_S = 0.05
-"""How often an idle fast bench checks whether it should end, s of wall time."""
+"""Interval at which an idle fast bench checks whether it shall end, s of wall time."""
 LATE_BLOCKS = 3
-"""From so many blocks on, what the counter has buffered is read in one go."""
+"""Number of blocks of backlog from which on the counter's buffer is read in one request."""
 LONGEST_READ_S = 10.0
-"""Largest part of it that one read asks for, s: buffers and memory are limited."""
+"""Longest time for which one request reads buffered data, s, because buffers and memory are
+limited."""
 LATE_S = 1.0
-"""An acquisition that is later than this is an alarm, s."""
+"""Delay of acquisition above which an alarm is raised, s."""
 
 logger = logging.getLogger(__name__)
 
 
 class JournalSink(Protocol):
-    """Keeps every block. Raising brings the bench to its safe state."""
+    """A sink that records every block. An exception in it brings the bench to its safe state."""
 
     def write(self, block: Block) -> None:
-        """Keep a block, or several joined ones."""
+        """Record a block, or several joined blocks."""
 
 
 class Acquisition:
-    """Turns the counter card's edges into torque, always, in a thread of its own.
+    """Converts the counter card's edges to torque continuously, in a thread of its own.
 
     Parameters
     ----------
@@ -95,7 +97,7 @@ class Acquisition:
         self._supervisor = supervisor
         self._commands = commands
         self._block_s = description.counter.block_s
-        # In fast simulated time nothing can react between blocks.
+        # In fast simulated time nobody can react between blocks.
         slice_s = max(description.safety.fast_check_s, drivers.shortest_read_s)
         self._slices = 1 if clock.fast else max(1, int(self._block_s / slice_s + 1e-9))
         self._index = 0
@@ -125,16 +127,16 @@ class Acquisition:
     # -- life -------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Acquire a first block on the calling thread, then continue in acquisition's thread."""
+        """Acquire a first block in the calling thread, then continue in a thread of its own."""
         self._warm_up()
-        self._step()  # also compiles the kernels, before anything can be loaded
+        self._step()  # this also compiles the kernels, before anything can be loaded
         if not self._clock.fast and not self._drivers.simulated_time:
             self._catch_up()
         self._wall_start = time.monotonic() - self._block_s
         self._thread.start()
 
     def _warm_up(self) -> None:
-        """Compile the edge-counting kernels before the counter begins, whose buffer is limited."""
+        """Compile the edge-counting kernels before the counter's limited buffer begins to fill."""
         name, timebase_hz = torque_channel(SIDES[0]), self._drivers.counter.timebase_hz
         channel = open_channel(name, self._description, self._drivers, self._mounted)
         if channel.transducer.signal != "frequency":
@@ -145,10 +147,10 @@ class Acquisition:
         channel.push(EdgeBlock(ticks, 0, stop_tick, timebase_hz))
 
     def _catch_up(self) -> None:
-        """Acquire what the counter has buffered since it began, until it delivers in real time.
+        """Read the blocks that the counter has buffered, until it delivers in real time.
 
-        A counter that doesn't state how far it is ahead delivers at once what it has buffered: then
-        every block comes sooner than the one before.
+        A counter that doesn't state its backlog delivers buffered blocks at once: while there is a
+        backlog, every block comes sooner than the one before.
         """
         behind_s: list[float] = []
         for _ in range(round(CATCHING_UP_S / self._block_s)):
@@ -173,12 +175,12 @@ class Acquisition:
 
     @property
     def running(self) -> bool:
-        """Whether the thread is alive, so that samples may arrive."""
+        """Whether the thread is running, so that samples may arrive."""
         return self._thread.is_alive()
 
     @property
     def blocks(self) -> int:
-        """Number of blocks that were acquired."""
+        """Number of acquired blocks."""
         return self._index
 
     def _run(self) -> None:
@@ -192,7 +194,7 @@ class Acquisition:
                     continue
                 with self._supervisor.guarding_block():
                     self._step()
-        except Exception as error:  # the bench must not stay loaded, whatever failed
+        except Exception as error:  # whatever has failed, the bench must not stay loaded
             if not isinstance(error, TorquebenchError):  # an instrument's failure is an alarm
                 logger.exception("acquisition ended")
             self._supervisor.trip(
@@ -209,20 +211,20 @@ class Acquisition:
             )
 
     def _paced(self, share: float) -> bool:
-        """Wait until the wall clock reaches simulated time; False when ending."""
+        """Wait until the wall clock reaches simulated time; return False when acquisition ends."""
         if self._clock.fast or not self._drivers.simulated_time:
             return True
         due = self._wall_start + (self._index + share) * self._block_s
         ahead_s = due - time.monotonic()
         if ahead_s > 0.0:
             return not self._stopping.wait(ahead_s)
-        if ahead_s < -LATE_S:  # simulated time has stood, and goes on from here
+        if ahead_s < -LATE_S:  # simulated time has stood still, and continues from here
             self._wall_start -= ahead_s
             self._clock.stood(-ahead_s)
         return True
 
     def _step(self) -> float | None:
-        """Acquire a block; return how many seconds more the counter has timed, None if unknown."""
+        """Acquire a block; return the counter's backlog in seconds, None if unknown."""
         measured = self._read()
         behind_s = None if measured.waiting_s is None else time.monotonic() - measured.timed_s
         with self._lock:
@@ -240,7 +242,7 @@ class Acquisition:
     def _read(self) -> Block:
         """Return the next block, slice by slice through the supervisor's fast check.
 
-        What has come late is read in one go: block by block it would stay late.
+        A backlog is read in one request: block by block it would never be worked off.
         """
         counter, count = self._drivers.counter, self._slices
         if not self._drivers.simulated_time:
@@ -251,14 +253,14 @@ class Acquisition:
             return counter.read_block(self._block_s)
         parts = []
         for number in range(count):
-            if number:  # the first slice was waited for already
+            if number:  # the first slice has already been waited for
                 self._paced((number + 1) / count)
             parts.append(counter.read_block(self._block_s / count))
             self._supervisor.check_edges(parts[-1], self._channels)
         return Block.join(parts)
 
     def _hand_on(self, block: Block) -> None:
-        """Compensate and record a block; in fast time several blocks together."""
+        """Compensate and record a block; in fast time, several blocks together."""
         with self._release_lock:
             failure = None
             if self._held and not block.follows(self._held[-1]):
@@ -283,7 +285,7 @@ class Acquisition:
                     viewer.put(part)
         self._held.clear()
         if self._remembered_s:
-            # edges need most of the memory
+            # edges take most of the memory
             kept = block if self._description.recording.edges else replace(block, edges={})
             self._past.append(kept)
             begin_s = block.stop_s - self._remembered_s
@@ -292,24 +294,24 @@ class Acquisition:
         return self._keep(block)
 
     def _keep(self, block: Block) -> Exception | None:
-        """Write a block to the journal; return its failure."""
+        """Write a block to the journal; return the journal's error, if any."""
         if self._journal is None:
             return None
         try:
             self._journal.write(block)
-        except Exception as error:  # a full disk or a bug: either way nothing is recorded
+        except Exception as error:  # a full disk or a bug: in both cases nothing is recorded
             self._journal = None
             return error
         return None
 
     def _release_held(self) -> None:
-        """Compensate and record the held blocks before something changes."""
+        """Compensate and record the held blocks before a setting changes."""
         with self._release_lock:
             failure = self._release()
         self._raise_alarm(failure)
 
     def _raise_alarm(self, failure: Exception | None) -> None:
-        """Stop the bench because the journal failed; called without the lock."""
+        """Stop the bench because the journal failed; to be called without the lock."""
         if failure is None:
             return
         self._supervisor.trip(
@@ -323,18 +325,18 @@ class Acquisition:
     # -- viewers -----------------------------------------------------------------------------
 
     def remember(self, seconds: float) -> None:
-        """Have so many seconds of blocks at hand from now on, for a journal that begins earlier."""
+        """Keep the blocks of the last `seconds` from now on, for a journal that begins earlier."""
         with self._release_lock:
             self._remembered_s = seconds
 
     def set_journal(self, journal: JournalSink | None, *, before_s: float = 0.0) -> None:
-        """Keep blocks here from the next one on; None ends it.
+        """Record blocks in this journal from the next block on; None ends it.
 
         Parameters
         ----------
         journal : JournalSink or None
         before_s : float
-            Also keep remembered blocks that ended at most so long before the newest one, s.
+            Also record kept blocks that ended at most this time before the newest one, s.
         """
         with self._release_lock:
             failure = self._release()
@@ -344,27 +346,29 @@ class Acquisition:
                 for block in tuple(self._past):
                     if block.stop_s <= begin_s + 1e-9:
                         continue
-                    if begin_s - block.start_s > self._block_s:  # several blocks of fast time
+                    if (
+                        begin_s - block.start_s > self._block_s
+                    ):  # several joined blocks in fast time
                         block = block.part(begin_s, block.stop_s)
                     failure = self._keep(block) or failure
         self._raise_alarm(failure)
 
     def add_viewer(self, maximum: int = 100) -> Viewer:
-        """Add a viewer, which gets every block and drops the oldest if it can't keep up."""
+        """Add a viewer, which gets every block and drops the oldest blocks if it is too slow."""
         viewer = Viewer(maximum)
         with self._lock:
             self._viewers = (*self._viewers, viewer)
         return viewer
 
     def remove_viewer(self, viewer: Viewer) -> None:
-        """Hand it no more blocks."""
+        """Send no more blocks to this viewer."""
         with self._lock:
             self._viewers = tuple(kept for kept in self._viewers if kept is not viewer)
 
     # -- channels ---------------------------------------------------------------------------
 
     def select_for(self, mounting: Mounting) -> None:
-        """Time the channels that this mounting has; idle ones cost nothing."""
+        """Time the channels of this mounting; unused channels cost nothing."""
         with self._lock:
             self._mounted = mounting
             self._reference_sides = frozenset(SIDES)
@@ -374,7 +378,7 @@ class Acquisition:
             self._select()
 
     def use_reference(self, side: Side) -> None:
-        """Time this side of the mounted standard, and the other one only if its drive is on."""
+        """Time this side of the mounted standard, and its other side only if the drive is on."""
         kept = {other for other in self._reference_sides if self._commands.side(other).enabled}
         wanted = frozenset({side} | kept)
         if wanted != self._reference_sides:
@@ -425,11 +429,11 @@ class Acquisition:
         return channel
 
     def reading_nm(self, name: str) -> float:
-        """Return the newest reading of a channel. Raises SignalFault for none or a faulty one."""
+        """Return the newest reading of a channel; raises SignalFault for none or a faulty one."""
         return float(self.channel(name).latest()["reading_nm"][0])
 
     def window(self, name: str, start_s: float, stop_s: float) -> Record:
-        """Return a channel's windows whose centres lie in [start, stop), all without a fault.
+        """Return a channel's windows with centres in [start, stop), all without a fault.
 
         Raises
         ------
@@ -442,12 +446,12 @@ class Acquisition:
         return record.raise_on_fault(name)
 
     def zero(self, name: str) -> float:
-        """Zero in use of a channel, in its signal's unit; the last one of an idle channel."""
+        """Zero in use of a channel, in its signal's unit; for an unused channel the last zero."""
         channel = self._channels.get(name)
         return channel.zero if channel is not None else self._zeros.get(name, 0.0)
 
     def set_zero(self, name: str, signal: float, standard_uncertainty_nm: float) -> None:
-        """Take a signal for zero torque from the next block on.
+        """Use a signal as the zero from the next block on.
 
         Raises
         ------
@@ -472,7 +476,7 @@ class Acquisition:
     # -- compensation -----------------------------------------------------------------------
 
     def set_compensation(self, side: Side, active: ActiveChain | None) -> None:
-        """Compensate a side from the next block on; None ends it."""
+        """Compensate a side from the next block on; None ends the compensation."""
         if active is not None:
             active.zero = self._zeroed.get(side)
         with self._release_lock:
@@ -491,9 +495,9 @@ class Acquisition:
         return self._compensations.get(side)
 
     def switch_off(self, side: Side, off: Sequence[str]) -> None:
-        """Leave corrections of a side out from the next block on, and make all others.
+        """Switch off these corrections of a side from the next block on, and switch on all others.
 
-        Models that the side gets later keep to it.
+        Models that are activated later on this side have the same corrections switched off.
 
         Raises
         ------
@@ -535,14 +539,14 @@ class Acquisition:
         return float(angle["angle_counts"][-1]) * self._count_rad(side)
 
     def speed_rad_s(self, side: Side) -> float:
-        """Mean speed of a side over the newest block, rad/s; raises like `angle_rad`."""
+        """Mean speed of a side over the newest block, rad/s; raises errors like `angle_rad`."""
         speed = self.latest_block.speed_rad_s(side)
         if math.isnan(speed):
             raise _silent_encoder(side)
         return speed
 
     def mean_speed_rad_s(self, side: Side, start_s: float, stop_s: float) -> float:
-        """Mean speed of a side over a window of bench time, rad/s; raises like `angle_rad`."""
+        """Mean speed of a side over a window of bench time, rad/s; errors as in `angle_rad`."""
         angle = self._evaluator.angles[side].window(start_s, stop_s)
         if angle is None or len(angle) < 2:
             raise _silent_encoder(side)

@@ -1,4 +1,4 @@
-"""The measuring chain that is in use on one side: its stream and its recent torques."""
+"""The measuring chain in use on one side: its stream and its recent torques."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ __all__ = ["ActiveChain", "ZeroTaken"]
 FloatArray = NDArray[np.float64]
 LEAST_WINDOW_S = 0.001
 MOST_REFUSED = 2400
-"""Blocks with refused readings that are remembered: two minutes of the usual 50 ms."""
+"""Number of blocks with refused readings that are kept: two minutes of the usual 50 ms."""
 
 
 @dataclass(frozen=True)
@@ -60,13 +60,13 @@ class ZeroTaken:
 
 
 class ActiveChain:
-    """Compensates a side's stream once, and keeps the torques of the last two minutes.
+    """Compensator of a side's stream, which keeps the torques of the last two minutes.
 
     Parameters
     ----------
     chain : MeasuringChain
     model_id, kind : str
-        Of the model, as registered.
+        Identity and kind of the registered model.
     calibration_age_h : float, optional
         Time since its calibration.
     """
@@ -92,18 +92,18 @@ class ActiveChain:
 
     @property
     def accepted(self) -> Timebase | None:
-        """The other counter's clock that was accepted for the model; None for its own."""
+        """Accepted other counter clock of the model; None if it uses its own counter."""
         return self.chain.find(Timebase)
 
     @property
     def corrects_rotation(self) -> bool:
-        """Whether it corrects the effect of rotation on zero and drag."""
+        """Whether the chain corrects the effect of rotation on zero and drag."""
         measured = self.chain.find(MeasuredRotation) is not None
         return measured and "rotation" not in self.chain.switches
 
     @property
     def needs_angle(self) -> bool:
-        """Whether it corrects what repeats with every turn of the shaft."""
+        """Whether the chain corrects ripple that repeats with every turn of the shaft."""
         return self.chain.find(Ripple) is not None
 
     def push(
@@ -114,7 +114,7 @@ class ActiveChain:
         *,
         fine: bool = False,
     ) -> Torque:
-        """Compensate the next windows; those with a fault or out of range get no number.
+        """Compensate the next windows; a window with a fault or out of range gets NaN.
 
         Parameters
         ----------
@@ -125,7 +125,7 @@ class ActiveChain:
         until_s : float or float64[n]
             End of the block of each window, for the age of the zero.
         fine : bool
-            Whether they are shorter windows of blocks that are pushed after them.
+            Whether they are shorter windows of blocks that will be pushed later.
         """
         zero, age_h = self.zero, None
         if zero is not None and len(record):
@@ -151,30 +151,30 @@ class ActiveChain:
         torque = stream.push(readings)
         if len(torque) and not fine:
             self._last = self.chain, readings, torque
-        dynamics = self.chain.dynamics  # torques by a dynamic filter are later than their readings
+        dynamics = self.chain.dynamics  # a dynamic filter delays the torques against their readings
         acted_s = record.time_s if dynamics is None else dynamics.acted_s(record.time_s)
         recent.append(acted_s, torque, readings)
         return torque
 
     def end_fine(self) -> None:
-        """Drop the shorter windows, which are no longer counted."""
+        """Discard the shorter windows, which are no longer counted."""
         self._fine = None
 
     def window(self, start_s: float, stop_s: float) -> tuple[FloatArray, Torque] | None:
-        """Return the torques whose windows' centres lie in [start, stop), with these centres, s.
+        """Return centres, s, and torques of windows with centres in [start, stop), or None.
 
         None where there are none.
         """
         return self._recent.window(start_s, stop_s)
 
     def fine_window(self, start_s: float, stop_s: float) -> tuple[FloatArray, Torque] | None:
-        """Return the torques of shorter windows in [start, stop); None if there are none."""
+        """Return torques of the shorter windows in [start, stop); None without any."""
         return None if self._fine is None else self._fine[1].window(start_s, stop_s)
 
     def refusal(self, side: Side, start_s: float, stop_s: float) -> InputError | None:
-        """Return why there is no torque in [start, stop): the effect that refuses, and its range.
+        """Return why a torque is missing in [start, stop): the refusing effect and its range.
 
-        None where every reading was compensated.
+        None if every reading was compensated.
         """
         fine = self._fine
         for recent in (self._recent, *(() if fine is None else fine[1:])):
@@ -188,7 +188,7 @@ class ActiveChain:
         return None
 
     def refuse(self, side: Side, start_s: float, stop_s: float) -> NoReturn:
-        """Raise that there is no torque somewhere in [start, stop), and why."""
+        """Raise an error with the reason for a missing torque in [start, stop)."""
         raise self.refusal(side, start_s, stop_s) or SignalFault(
             Message(
                 "no compensated torque of the {side} from {start_s:.2f} to {stop_s:.2f} s",
@@ -202,12 +202,12 @@ class ActiveChain:
 
     @property
     def late_windows(self) -> int:
-        """Number of windows by which a dynamic filter's torques come later than their readings."""
+        """Number of windows by which a dynamic filter delays the torques."""
         dynamics = self.chain.dynamics
         return 0 if dynamics is None else dynamics.rows_late
 
     def states(self) -> tuple[EffectState, ...]:
-        """Return every effect's state at the newest window; nothing before the first window."""
+        """Return every effect's state at the newest window; empty before the first window."""
         if (last := self._last) is None:
             return ()
         chain, readings, torque = last
@@ -217,13 +217,13 @@ class ActiveChain:
         )
 
     def switch_off(self, off: Sequence[str]) -> None:
-        """Switch corrections off from the next window on, and all others on."""
+        """Switch these corrections off from the next window on, and all others on."""
         self.chain = self.chain.switched("switched off at the bench", off)
         self._stream.chain = self.chain
         self._fine = None
 
     def standing(self, temperature_c: float = np.nan) -> Torque:
-        """Return the chain's torque for a reading of 0 at the stream's present state."""
+        """Return the chain's torque for a reading of 0 in the stream's present state."""
         nothing = np.zeros(1)
         known = Readings(
             nothing,
@@ -236,7 +236,7 @@ class ActiveChain:
 
 
 class _Torques:
-    """Torques of the last two minutes, for one writer and many readers."""
+    """Torques of the last two minutes, with one writer and many readers."""
 
     def __init__(self) -> None:
         self._recent: History | None = None
@@ -256,7 +256,7 @@ class _Torques:
             self._refused.append(refused)
 
     def refused(self, start_s: float, stop_s: float) -> Readings | None:
-        """Return the first refused reading with its conditions; None where none was refused."""
+        """Return the first refused reading with its conditions; None if none was refused."""
         return next(
             (readings for at, readings in tuple(self._refused) if start_s <= at < stop_s), None
         )
@@ -282,7 +282,7 @@ def _first_refused(
 
 
 def _record(time_s: FloatArray, torque: Torque) -> Record:
-    """Return torques as a record, with the components' numbers side by side."""
+    """Return torques as a record, with the uncertainties of their components as columns."""
     components, count = torque.components, time_s.size
     uncertainty, added = np.empty((count, len(components))), np.empty((count, len(components)))
     for number, component in enumerate(components):
@@ -301,7 +301,7 @@ def _record(time_s: FloatArray, torque: Torque) -> Record:
 
 
 def _torque(record: Record, components: tuple[Component, ...]) -> Torque:
-    """Return the torques of a record by components of such torques."""
+    """Rebuild torques from such a record; `components` are a template for their names."""
     split: list[Component] = []
     next_place = 0
     for number, component in enumerate(components):

@@ -1,4 +1,4 @@
-"""What the instruments measured over one block of bench time, and the queue of its watchers."""
+"""Blocks: measurements of the instruments over an interval of bench time, and queues of viewers."""
 
 from __future__ import annotations
 
@@ -18,21 +18,20 @@ if TYPE_CHECKING:
 __all__ = ["CONDITIONS", "KEPT_S", "Block", "Viewer", "fault_of"]
 
 KEPT_S = 120.0
-"""How long the most recent values of every channel are kept, s of bench time."""
+"""Time for which the recent values of every channel are kept, s of bench time."""
 CONDITIONS = "conditions"
-"""Record with one row a block: speeds, accelerations and temperatures."""
+"""Name of the record with one row for each block: speeds, accelerations and temperatures."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """Everything of one interval of bench time, first as measured, then evaluated.
+    """All data of one interval of bench time, first as measured, then evaluated.
 
-    A driver delivers edges by channel, and records of those channels that its instrument counts
-    itself: torque channels with `frequency_hz`, `frequency_uncertainty_hz` and `fault` or, of an
-    amplifier, with `signal`, encoders with `angle_counts` (unwrapped, clockwise positive), each
-    with `time_s`. The evaluation adds
-    `reading_nm` and `counter_nm` of every torque channel, and `conditions`. In fast simulated time
-    several blocks may be joined.
+    A driver delivers edges by channel, or records for channels that the instrument counts itself:
+    torque channels with `frequency_hz`, `frequency_uncertainty_hz` and `fault` or, of an amplifier,
+    with `signal`, encoders with `angle_counts` (unwrapped, clockwise positive), each with `time_s`.
+    The evaluation adds `reading_nm` and `counter_nm` of every torque channel, and `conditions`. In
+    fast simulated time several blocks may be joined.
 
     Attributes
     ----------
@@ -44,7 +43,7 @@ class Block:
     torques : mapping of side to Torque
         Compensated torque in the rows of the side's torque channel.
     waiting_s : float, optional
-        How many seconds more the counter has timed already; None if it doesn't state that.
+        Backlog of the counter, s; None if it doesn't state it.
     """
 
     start_s: float
@@ -56,11 +55,11 @@ class Block:
 
     @property
     def timed_s(self) -> float:
-        """Bench time that had passed at least when the block was read, s."""
+        """Bench time that had at least passed when the block was read, s."""
         return self.stop_s + (self.waiting_s or 0.0)
 
     def torque(self, side: Side) -> Record | None:
-        """Return the record of a module's torque channel; None if it isn't timed."""
+        """Return the record of a module's torque channel; None if the channel isn't timed."""
         return self.records.get(torque_channel(side))
 
     def angle(self, side: Side) -> Record | None:
@@ -68,7 +67,7 @@ class Block:
         return self.records.get(angle_channel(side))
 
     def condition(self, name: str) -> float:
-        """Return a speed, an acceleration or a temperature at the end; NaN if it isn't known."""
+        """Return a speed, an acceleration or a temperature at the block's end; NaN if unknown."""
         conditions = self.records.get(CONDITIONS)
         values = None if conditions is None else conditions.get(name)
         return math.nan if values is None else float(values[-1])
@@ -82,7 +81,7 @@ class Block:
         return self.condition(f"{probe}_c")
 
     def follows(self, before: Block) -> bool:
-        """Tell whether the same signals go on from another block without a gap."""
+        """Return whether the block continues the signals of another block without a gap."""
         return (
             self.records.keys() == before.records.keys()
             and abs(self.start_s - before.stop_s) < 1e-9
@@ -100,7 +99,7 @@ class Block:
 
     @classmethod
     def join(cls, blocks: Sequence[Block]) -> Block:
-        """Concatenate consecutive blocks; only channels that all of them have remain."""
+        """Concatenate consecutive blocks, with the channels that all of them have."""
         first, last = blocks[0], blocks[-1]
         if len(blocks) == 1:
             return first
@@ -115,10 +114,10 @@ class Block:
         )
 
     def part(self, start_s: float, stop_s: float) -> Block:
-        """Return the values of one of the blocks that were joined, without its edges."""
+        """Return the values of one of the joined blocks, without its edges."""
         nearly, torques, records = 1e-9, {}, {}
         for name, record in self.records.items():
-            later_s = nearly if name == CONDITIONS else -nearly  # those at the end of a block
+            later_s = nearly if name == CONDITIONS else -nearly  # rows at the end of a block
             records[name] = record.window(start_s + later_s, stop_s + later_s)
         for side, torque in self.torques.items():
             time_s = self.records[torque_channel(side)].time_s
@@ -136,7 +135,7 @@ def fault_of(record: Record) -> SignalFaultKind:
 
 @dataclass(eq=False)
 class Viewer:
-    """A watcher's bounded queue of blocks: it drops the oldest and counts the dropped ones."""
+    """Bounded queue of blocks for a viewer: it drops the oldest blocks and counts them."""
 
     maximum: int = 100
     dropped: int = 0
@@ -144,7 +143,7 @@ class Viewer:
     _condition: threading.Condition = field(default_factory=threading.Condition)
 
     def put(self, block: Block) -> None:
-        """Take a block (called by acquisition)."""
+        """Add a block (called by acquisition)."""
         with self._condition:
             if len(self._blocks) >= self.maximum:
                 self._blocks.popleft()
@@ -153,7 +152,7 @@ class Viewer:
             self._condition.notify()
 
     def get(self, timeout_s: float = 1.0) -> Block | None:
-        """Return the oldest block that is waiting; None when none comes in time."""
+        """Return the oldest waiting block; None if none arrives in time."""
         with self._condition:
             if not self._blocks:
                 self._condition.wait(timeout_s)

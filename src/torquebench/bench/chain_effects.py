@@ -1,4 +1,4 @@
-"""Effects and limits of a measuring chain that the bench's description states."""
+"""Effects and limits of a measuring chain, from the bench's description."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ from torquebench.units import DAYS_PER_YEAR, HOURS_PER_DAY
 __all__ = ["chain_effects", "chain_on_bench", "standard_effect", "with_stated_limits"]
 
 PROBE_K = 0.5
-"""Limit by which a probe on a standard differs from the temperature of its transducer."""
+"""Limit of the difference between a probe on a standard and the temperature of its transducer,
+K."""
 
 
 def chain_effects(
@@ -53,7 +54,7 @@ def chain_effects(
     """
     module = description.module(side)
     transducer, conditions = module.transducer, description.conditions
-    # a data sheet states shares of the transducer's own nominal torque
+    # data sheets state shares of the transducer's own nominal torque
     nominal = transducer.nominal_torque_nm
     low, high = conditions.temperature_low_c, conditions.temperature_high_c
     datasheet = f"description of transducer {transducer.serial}"
@@ -106,10 +107,10 @@ def standard_effect(
     standard_c: Sequence[float] = (),
     mounted: StandardDescription | None = None,
 ) -> Reference:
-    """Return the effect of a standard: its certificate, and possible changes since.
+    """Return the effect of a standard: its certificate, and possible changes since then.
 
-    A temperature of the standard that wasn't measured lies between the limits of the bench. Without
-    `mounted` it is the calibrator.
+    If the standard's temperature wasn't measured, it lies between the limits of the bench. By
+    default the standard is the calibrator.
     """
     standard, conditions = mounted or description.calibrator, description.conditions
     transducer = standard.transducer(side)
@@ -128,17 +129,17 @@ def standard_effect(
 
 
 def _years_since_certificate(standard: StandardDescription, day: date | None) -> float:
-    """Return the age of a certificate in years; one year where its day isn't stated."""
+    """Return the age of a certificate in years; one year if its day isn't stated."""
     try:
         performed = date.fromisoformat(standard.certificate_date)
-    except ValueError:  # "unknown", or a date in words
+    except ValueError:  # "unknown", or a date as text
         return 1.0
     until = day or standard.certificate_due
     return 1.0 if until is None else max((until - performed).days, 0) / DAYS_PER_YEAR
 
 
 def chain_on_bench(stored: StoredModel, description: BenchDescription) -> MeasuringChain:
-    """Return a stored chain as it is in use on the bench that has its transducer.
+    """Return a stored chain with the limits of the bench that has its transducer.
 
     Raises
     ------
@@ -160,11 +161,11 @@ def chain_on_bench(stored: StoredModel, description: BenchDescription) -> Measur
 def with_stated_limits(
     chain: MeasuringChain, description: BenchDescription, side: Side
 ) -> MeasuringChain:
-    """Return a chain in use on a bench, with the bench's limits where its model has no record.
+    """Return a chain with the bench's limits for influences that its model has no record of.
 
-    A model that was fitted to a table knows nothing of the bench that it measures on. One that was
-    calibrated on the bench has these effects already. The bench's reference standard is left out:
-    the chain wasn't calibrated against it.
+    A model that was fitted to a table lacks the effects of the bench on which it is used; a model
+    that was calibrated on the bench has them already. The bench's reference standard isn't added,
+    because the chain wasn't calibrated against it.
 
     Parameters
     ----------

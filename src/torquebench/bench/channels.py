@@ -1,4 +1,4 @@
-"""One torque channel: from what its instrument delivers to torque, with its recent values."""
+"""One torque channel: conversion of its instrument's data to torque, with recent values."""
 
 from __future__ import annotations
 
@@ -31,27 +31,29 @@ __all__ = [
 ]
 
 FINE_WINDOW_S = 0.002
-"""Windows of a finely resolved interval, s: they resolve a drive's ripple of some 10 Hz."""
+"""Length of the windows of fine intervals, s: they resolve a drive's ripple of some 10 Hz."""
 FAST_WINDOW_S = 0.001
-"""Windows of steps of torque, s: they resolve the vibration of a shaft, up to 400 Hz."""
+"""Length of the windows for steps of torque, s: they resolve the vibration of a shaft, up to 400
+Hz."""
 STILL_SPREAD = 8.0
-"""Largest spread of values that stand still, in standard uncertainties of the counter. 25 windows
-with only the counter's own noise spread over 4 of them.
+"""Largest spread of constant values, in standard uncertainties of the counter. 25 windows with only
+the counter's own noise spread over 4 of them.
 """
 STILL_SAMPLES = 10
-"""Least number of equal values that stand still."""
+"""Smallest number of constant values in a row that count as stuck."""
 LEARNED_SAMPLES = 30
-"""So many values tell the noise of a signal."""
+"""Number of values from which the noise of a signal is estimated."""
 NOISY = 10.0
-"""Noise of a signal, in standard uncertainties of its counter, that never stands still by chance:
-25 values spread over less than a standard deviation once in 10⁹ times.
+"""Noise of a signal, in standard uncertainties of its counter, that is never constant by chance: 25
+values spread over less than a standard deviation once in 10⁹ times.
 """
 CURVATURE_OF_NOISE = 0.6745 * math.sqrt(6.0)
-"""Median of the second differences of white noise, in its standard deviations."""
+"""Median of the second differences of white noise, in standard deviations of the noise."""
 LARGEST_ZERO = 0.04
 """Largest deviation of a zero from the nominal one, as a share of the signal at nominal torque."""
 MOVED_SHARE = 0.01
-"""A transducer whose partner moves by this share of its range is stuck if it stands still."""
+"""Change of the partner's torque, as a share of the range, during which a constant transducer
+counts as stuck."""
 
 
 class Channel:
@@ -67,7 +69,7 @@ class Channel:
     transducer : TransducerDescription
     counter : FrequencyCounter
     stuck_s : float
-        After so long without any noise a frequency is stuck.
+        Time without any noise after which a frequency counts as stuck.
     certificate : ReferenceCertificate, optional
         Corrects the torque of a standard.
     """
@@ -92,7 +94,7 @@ class Channel:
         self._columns = self._scale.column, self._scale.uncertainty_column
         window_s = counter.window_ticks / counter.timebase_hz
         self.recent = History(round(KEPT_S / window_s))
-        """The readings of the last two minutes; faults are among them."""
+        """The readings of the last two minutes, faults included."""
         moved_nm = MOVED_SHARE * transducer.nominal_torque_nm
         self._stuck = _StuckCheck(stuck_s, moved_nm, *self._columns)
         self._fine: _FineWindows | None = None
@@ -121,7 +123,7 @@ class Channel:
         self._scale = self._scale.with_zero(value)
 
     def push(self, measured: EdgeBlock | Record, partner: Channel | None = None) -> Record:
-        """Take what the instrument delivers next; return its windows with their torque.
+        """Evaluate the instrument's next data; return their windows with torque.
 
         Parameters
         ----------
@@ -129,13 +131,14 @@ class Channel:
             Edges to be counted, or a record with `frequency_hz` of an instrument that counts, or
             with `signal` of one that states values in the unit of the transducer's signal.
         partner : Channel, optional
-            The other transducer that carries this one's torque: while that moves, this one must.
+            The other transducer that carries the same torque: if its torque changes, so must this
+            one's.
 
         Returns
         -------
         Record
-            `time_s`, the signal, `reading_nm`, which a certificate corrects, its uncertainty by
-            the counter or amplifier `counter_nm`, and `fault`.
+            `time_s`, the signal, `reading_nm` (corrected by the certificate), its uncertainty
+            `counter_nm` by the counter or amplifier, and `fault`.
         """
         if isinstance(measured, EdgeBlock):
             measured = self._counter.push(measured)
@@ -157,7 +160,7 @@ class Channel:
         return record
 
     def _with_uncertainty(self, stated: Record) -> Record:
-        """Return values that an instrument states with their uncertainty and faults."""
+        """Return the instrument's values with their uncertainty and faults."""
         lost = ~np.isfinite(stated["signal"])
         u = self.transducer.signal_uncertainty_nm * self._scale.sensitivity_cw
         return Record(
@@ -171,22 +174,22 @@ class Channel:
 
     @property
     def column(self) -> str:
-        """Column of its records that has the signal."""
+        """Column of the channel's records that has the signal."""
         return self._scale.column
 
     def signal_nm(self, signal: float) -> float:
-        """Torque of one signal by the nominal zero, without a certificate, N·m."""
+        """Torque of a signal from the nominal zero, without a certificate, N·m."""
         return float(self.transducer.scale().torque(signal))
 
     def torque(self, frequency_hz: float) -> float:
-        """Torque of one frequency by the present zero, N·m."""
+        """Torque of a frequency from the present zero, N·m."""
         value = self._scale.torque(frequency_hz)
         if self.certificate is not None:
             value = self.certificate.correct(value)
         return float(value)
 
     def latest(self) -> Record:
-        """Return the newest window. Raises SignalFault for none or a faulty one."""
+        """Return the newest window; raises SignalFault if there is none or a faulty one."""
         newest = self.recent.latest()
         if newest is None:
             raise SignalFault(Message("{name}: no sample yet", self.name), "a running acquisition")
@@ -202,7 +205,7 @@ class Channel:
 
     @property
     def fine_window_s(self) -> float | None:
-        """Length of the shorter windows that are counted; None without any."""
+        """Length of the additional shorter windows; None if none are counted."""
         return None if self._fine is None else self._fine.window_s
 
     def push_fine(self, edges: EdgeBlock) -> Record:
@@ -221,18 +224,18 @@ class Channel:
 
 
 class _StuckCheck:
-    """Tells an output that is stuck from one that is quiet.
+    """Distinguish a stuck output from a quiet one.
 
-    Values stand still while they don't spread beyond the counter's own noise. That is a fault of a
-    signal with clear noise of its own; one that is about as quiet as its counter is stuck when the
-    other transducer of its side moves.
+    Values are constant while they don't spread beyond the counter's own noise. For a signal with
+    clear noise of its own, constant values are a fault; a signal about as quiet as its counter is
+    stuck if the torque of the other transducer on its side changes.
 
     Parameters
     ----------
     stuck_s : float
-        How long values may stand still, s.
+        Longest time of constant values, s.
     moved_nm : float
-        Change of the partner's torque that this channel can't miss, N·m.
+        Change of the partner's torque that this channel has to show, N·m.
     column, uncertainty_column : str
         Columns of the signal and its uncertainty.
     """
@@ -244,22 +247,22 @@ class _StuckCheck:
         self._stuck_s = stuck_s
         self._moved_nm = moved_nm
         self._learned: list[float] | None = []
-        """The first values, until they tell whether the signal has noise of its own."""
+        """The first values, until the noise of the signal is estimated."""
         self._noisy = False
         self._low = self._high = self._since_s = math.nan
-        """Since when values stand still, s, and between which they lie."""
+        """Time since which values are constant, s, and the range in which they lie."""
         self._count = 0
 
     def push(self, record: Record, partner: Channel | None) -> list[bool] | None:
-        """Take the next values as delivered; return which of them are stuck, None if none is."""
+        """Check the next values as delivered; return which of them are stuck, None if none is."""
         if not len(record):
             return None
         long_still = []
         u = float(record[self._columns[1]][-1])
-        # Values as they were counted: windows marked as stuck would hide a lasting fault.
+        # Check the values as counted: windows marked as stuck would hide a lasting fault.
         values, times = record[self._columns[0]].tolist(), record.time_s.tolist()
         for value, time_s in zip(values, times, strict=True):
-            if math.isnan(value):  # another fault
+            if math.isnan(value):  # it has another fault
                 self._low = value
             low, high = min(self._low, value), max(self._high, value)
             if high - low <= STILL_SPREAD * u:
@@ -276,7 +279,7 @@ class _StuckCheck:
         return long_still if stuck else None
 
     def _learn(self, values: list[float], u: float) -> None:
-        """Take the first values until they tell the signal's own noise."""
+        """Collect the first values, until the signal's own noise is estimated."""
         assert self._learned is not None
         self._learned += [value for value in values if not math.isnan(value)]
         if len(self._learned) < LEARNED_SAMPLES:
@@ -288,7 +291,7 @@ class _StuckCheck:
         self._learned = None
 
     def _moves(self, partner: Channel | None, until_s: float) -> bool:
-        """Whether the partner has moved since this one has stood still."""
+        """Return whether the partner's torque has changed while this channel was constant."""
         if partner is None:
             return False
         apart_s = CLOCKS_APART_S + 2.0 * (until_s - self._since_s) / max(self._count, 1)
@@ -301,7 +304,7 @@ class _StuckCheck:
 
 
 class _FineWindows:
-    """Windows shorter than the bench's own, counted while somebody needs them."""
+    """Windows shorter than the bench's own, counted only while they are needed."""
 
     def __init__(self, like: FrequencyCounter, window_s: float) -> None:
         self.window_s = window_s
@@ -313,7 +316,7 @@ class _FineWindows:
 def open_channel(
     name: str, description: BenchDescription, drivers: DriverSet, mounting: Mounting
 ) -> Channel:
-    """Open a channel as the description has it with this mounting."""
+    """Open a channel as described for this mounting."""
     counting, stuck_s = description.counter, description.safety.stuck_s
     counter = FrequencyCounter(
         counting.method,
@@ -336,9 +339,9 @@ def open_channel(
 def described_transducer(
     name: str, description: BenchDescription, mounting: Mounting, readout: bool
 ) -> TransducerDescription | None:
-    """Return the transducer of a channel; None for that of a standard that isn't mounted.
+    """Return the transducer of a channel; None for a channel of a standard that isn't mounted.
 
-    With `readout` the standard has a read-out, which states torque unless described otherwise.
+    With `readout` the standard has a read-out, which delivers torque unless described otherwise.
     """
     for side in SIDES:
         if name == torque_channel(side):

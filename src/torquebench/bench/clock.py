@@ -1,8 +1,8 @@
 """Bench time: the one time axis of a bench, in seconds since it was opened.
 
-On hardware and in real time, bench time follows the wall. On a fast simulated bench, bench time
-advances exactly as far as threads sleep and stands while the run engine's loop computes, so that a
-plan gives the same result on any machine.
+On hardware and in real time, bench time follows the wall clock. On a fast simulated bench, it
+advances only while threads sleep and stops while the run engine's loop computes, so that a plan
+gives the same result on any machine.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ __all__ = ["BenchClock"]
 LARGEST_DRIFT = 2e-4
 """Largest relative deviation of the counter's clock from the wall clock."""
 LONGEST_BEHIND_S = 1.0
-"""Largest delay of acquisition where no counter states it; beyond that, time stands."""
+"""Largest delay of acquisition if no counter states it, s; beyond that, bench time stops."""
 _TICK_S = 1e-9  # deadlines closer than this are treated as equal
 
 Wake = Callable[[BaseException | None], None]
@@ -39,8 +39,8 @@ class BenchClock:
     Parameters
     ----------
     fast : bool
-        Advance only as far as threads sleep (simulated benches). Otherwise acquisition is paced by
-        the wall clock or by hardware.
+        Whether time advances only while threads sleep (simulated benches). Otherwise the wall clock
+        or hardware sets the pace.
 
     Examples
     --------
@@ -71,7 +71,7 @@ class BenchClock:
         return self._now_s
 
     def present(self) -> float:
-        """Present bench time, s, by the counter or the block with the smallest delay.
+        """Present bench time, s, from the counter or from the block with the smallest delay.
 
         The last acquired block ended earlier: acquiring a block takes time, more on a busy
         computer.
@@ -81,19 +81,19 @@ class BenchClock:
 
     @property
     def late_s(self) -> float:
-        """How much later the present is than the last acquired block, s; 0 in fast time."""
+        """Time from the end of the last acquired block to the present, s; 0 in fast time."""
         if self.fast:
             return 0.0
         return max(0.0, time.monotonic() - self._behind_s - self._now_s)
 
     def stood(self, seconds: float) -> None:
-        """Note that simulated time has stood while the wall clock went on."""
+        """Record that simulated time stopped for some seconds of wall time."""
         with self._condition:
             self._behind_s += seconds
 
     @property
     def sleeping(self) -> bool:
-        """Whether anything waits for the bench."""
+        """Whether anything is waiting for bench time."""
         return bool(self._sleepers)
 
     # -- sleeping ---------------------------------------------------------------------------
@@ -101,7 +101,7 @@ class BenchClock:
     def new_event_loop(self) -> asyncio.AbstractEventLoop:
         """Create an event loop whose computations take no simulated time.
 
-        Sleepers on other loops and on threads only observe: time may advance while they compute.
+        Time may advance while sleepers on other loops or on threads compute.
         """
         loop, activity = new_watched_loop()
         activity.on_idle = self._notify
@@ -110,7 +110,7 @@ class BenchClock:
         return loop
 
     def _notify(self) -> None:
-        if self._sleepers:  # later sleepers are woken by their own notification
+        if self._sleepers:  # later sleepers get their own notification
             with self._condition:
                 self._condition.notify_all()
 
@@ -120,12 +120,12 @@ class BenchClock:
         Raises
         ------
         TorquebenchError
-            The bench stopped or went to its safe state; the cause itself is raised.
+            The bench stopped or went to its safe state; the error is the cause of that.
         """
         await self.sleep_until(self._now_s + duration_s)
 
     async def sleep_until(self, time_s: float) -> None:
-        """Sleep on the running event loop until a bench time; raises like `sleep`."""
+        """Sleep on the running event loop until a bench time; raises errors like `sleep`."""
         loop = asyncio.get_running_loop()
         activity = self._loops.get(loop)
         future: asyncio.Future[None] = loop.create_future()
@@ -156,11 +156,11 @@ class BenchClock:
             self._get_up(sleeper)
 
     def wait(self, duration_s: float) -> None:
-        """Sleep in bench time on the calling thread; raises like `sleep`."""
+        """Sleep in bench time on the calling thread; raises errors like `sleep`."""
         self.wait_until(self._now_s + duration_s)
 
     def wait_until(self, time_s: float) -> None:
-        """Sleep on the calling thread until a bench time; raises like `sleep`."""
+        """Sleep on the calling thread until a bench time; raises errors like `sleep`."""
         woken = threading.Event()
         outcome: list[BaseException] = []
 
@@ -186,7 +186,7 @@ class BenchClock:
             self._condition.notify_all()
 
     def _lie_down(self, time_s: float, wake: Wake) -> _Sleeper | None:
-        """Register a sleeper; None when its deadline has passed already."""
+        """Register a sleeper; return None if its deadline has already passed."""
         with self._condition:
             if self._failure is not None:
                 raise self._failure
@@ -205,9 +205,9 @@ class BenchClock:
     # -- driving (acquisition only) ---------------------------------------------------------
 
     def wait_for_demand(self, timeout_s: float) -> bool:
-        """Wait on the calling thread until the bench has to continue; True when it has to.
+        """Wait on the calling thread until bench time has to advance; False after `timeout_s`.
 
-        A bench that isn't fast always has to.
+        If the bench isn't fast, it always has to.
         """
         if not self.fast:
             return True
@@ -227,7 +227,7 @@ class BenchClock:
         return bool(self._sleepers) and not thinking
 
     def wakes(self, time_s: float) -> bool:
-        """Whether advancing to a bench time ends a sleep, or nothing sleeps."""
+        """Return whether advancing to a bench time ends a sleep, or nothing sleeps."""
         with self._condition:
             first_s = min((each.until_s for each in self._sleepers), default=-math.inf)
         return first_s <= time_s + _TICK_S
@@ -257,14 +257,14 @@ class BenchClock:
                 sleeper.wake(None)
 
     def interrupt(self, error: BaseException) -> None:
-        """Wake every sleeper with an error; later sleepers are not concerned."""
+        """Wake every sleeper with an error; later sleepers aren't affected."""
         with self._condition:
             woken, self._sleepers = self._sleepers, []
             for sleeper in woken:
                 sleeper.wake(error)
 
     def stop(self, error: BaseException) -> None:
-        """Bench time ends: wake every sleeper, now and in future, with this error."""
+        """End bench time: wake every present and future sleeper with this error."""
         with self._condition:
             self._failure = error
         self.interrupt(error)

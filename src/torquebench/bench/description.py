@@ -59,19 +59,19 @@ _GROUP_DELAY_S = {60: 220e-6, 240: 150e-6}
 
 
 class TransducerDescription(_Section):
-    """A torque transducer or the amplifier behind it, with nominal data from its data sheet.
+    """A torque transducer, or the amplifier behind it, with nominal data from its data sheet.
 
-    `signal` is what its instrument states: a frequency, a torque ("Nm"), a voltage ("V") or a
-    ratio ("mV/V"). `option_khz` is the frequency at zero torque: 60 (60 ± 30 kHz) or 240 (240 ± 120
-    kHz). Sensitivities that aren't given are the nominal ones: half the zero's frequency over the
-    nominal torque. `signal_at_nominal` is the voltage or ratio at nominal torque,
-    `signal_at_nominal_ccw` its magnitude counter-clockwise where it differs. `filter_delay_s` is by
-    how much the signal is later than the torque (the amplifier's filter),
-    `signal_uncertainty_percent` the standard uncertainty of one value by resolution and noise.
+    `signal` is what its instrument states: a frequency, a torque ("Nm"), a voltage ("V") or a ratio
+    ("mV/V"). `option_khz` is the frequency at zero torque: 60 (60 ± 30 kHz) or 240 (240 ± 120 kHz).
+    Sensitivities that aren't given are the nominal ones: half the zero's frequency over the nominal
+    torque. `signal_at_nominal` is the voltage or ratio at nominal torque, `signal_at_nominal_ccw`
+    its magnitude counter-clockwise if different. `filter_delay_s` is the delay of the signal
+    against the torque by the amplifier's filter, `signal_uncertainty_percent` the standard
+    uncertainty of one value by resolution and noise.
 
     The limits of its data sheet are shares of the nominal torque, those of the span shares of the
-    torque; zero drift, long-term drift and creep under load aren't known where they aren't given,
-    and then aren't in U either.
+    torque; zero drift, long-term drift and creep under load are unknown if they aren't given, and
+    then U doesn't contain them.
     """
 
     serial: Text
@@ -99,12 +99,12 @@ class TransducerDescription(_Section):
 
     @property
     def nominal_sensitivity_hz_per_nm(self) -> float:
-        """Sensitivity by the option and the nominal torque, Hz/(N·m)."""
+        """Sensitivity from the option and the nominal torque, Hz/(N·m)."""
         return self.option_khz * 500.0 / self.nominal_torque_nm
 
     @property
     def signal_text(self) -> str:
-        """Its signal at nominal torque, for people."""
+        """Signal at nominal torque, as text."""
         if self.signal == "frequency":
             return f"{self.option_khz} kHz"
         return "N·m" if self.signal == "Nm" else f"{self.signal_at_nominal:g} {self.signal}"
@@ -128,18 +128,18 @@ class TransducerDescription(_Section):
 
     @property
     def group_delay_s(self) -> float:
-        """By how much its signal is later than the torque, s."""
+        """Delay of the signal against the torque, s."""
         if self.filter_delay_s is not None:
             return self.filter_delay_s
         return _GROUP_DELAY_S[self.option_khz] if self.signal == "frequency" else 0.0
 
     @property
     def signal_uncertainty_nm(self) -> float:
-        """Standard uncertainty of one value that an amplifier states, N·m."""
+        """Standard uncertainty of one value from an amplifier, N·m."""
         return 1e-2 * (self.signal_uncertainty_percent or 0.0) * self.nominal_torque_nm
 
     def stated(self) -> Self:
-        """Return it as a read-out states it: in N·m unless another signal is described."""
+        """Return the transducer as its read-out delivers it: in N·m unless described otherwise."""
         if self.signal != "frequency":
             return self
         return self.model_copy(update={"signal": "Nm", "filter_delay_s": 0.0})
@@ -194,7 +194,7 @@ class TransducerDescription(_Section):
         return self
 
     def scale(self) -> SignalScale:
-        """Scale of this transducer with its nominal zero, before any zero was measured."""
+        """Scale of this transducer with its nominal zero, for use before a zero is measured."""
         if self.signal == "frequency":
             nominal = self.nominal_sensitivity_hz_per_nm
             return SignalScale(
@@ -217,10 +217,10 @@ class TransducerDescription(_Section):
 
 
 class DriveDescription(_Section):
-    """A servo drive and how fast it may change torque and speed at the module's shaft.
+    """A servo drive, and the rates of torque and speed at the module's shaft.
 
-    `gear_ratio` is how many turns of the motor make one turn of the shaft, negative where the gear
-    reverses. Its losses aren't known to the drive: the shaft's torque is what the transducer says.
+    `gear_ratio` is the number of motor turns per turn of the shaft, negative if the gear reverses.
+    The drive doesn't know the gear's losses: the shaft's torque is that of the transducer.
     """
 
     serial: Text
@@ -252,13 +252,13 @@ class DriveDescription(_Section):
 
 
 class EncoderDescription(_Section):
-    """An angle encoder, counts after interpolation.
+    """An angle encoder; its counts are those after interpolation.
 
-    `accuracy_arcsec` is ± what its data sheet allows over a turn; unknown if it isn't given.
-    `certificate` may name a CSV file beside the `bench.toml` with the columns `angle_deg`,
+    `accuracy_arcsec` is the largest error (±) over a turn by its data sheet; unknown if it isn't
+    given. `certificate` may name a CSV file beside the `bench.toml` with the columns `angle_deg`,
     `error_arcsec` and `expanded_uncertainty_arcsec` (k = 2); its errors are then corrected.
-    `absolute` says that its counts begin at the same mark on the shaft whenever the bench is
-    opened: what repeats with every turn can then be corrected by the angle.
+    `absolute` states that its counts begin at the same mark on the shaft whenever the bench is
+    opened, so that effects that repeat with every turn can be corrected.
     """
 
     serial: Text
@@ -269,7 +269,7 @@ class EncoderDescription(_Section):
 
 
 class GuideRailDescription(_Section):
-    """The rail that carries the input module: drawn back to mount, at its end to measure.
+    """The rail that carries the input module: moved away for mounting, to its end for measuring.
 
     With a section `[driver.guide_rail]` it is moved and monitored; without one it is moved by hand.
     """
@@ -291,8 +291,8 @@ class PowerSupplyDescription(_Section):
 class LimitsDescription(_Section):
     """Absolute limits of one side, enforced by the supervisor.
 
-    `angle_deg` is how far a side may turn from where it was switched on; rates are how fast
-    torque and speed may change. Those that aren't given aren't watched.
+    `angle_deg` is the largest angle from the position at which the drive was switched on; rates are
+    the largest changes of torque and speed. Limits that aren't given aren't monitored.
     """
 
     torque_nm: Torque
@@ -304,7 +304,7 @@ class LimitsDescription(_Section):
 
 
 class ModuleDescription(_Section):
-    """One module: range, transducer, drive, encoder, limits and its transducer's probe.
+    """One module: range, transducer, drive, encoder, limits and the transducer's probe.
 
     `flange_inertia_kgm2` is the moment of inertia of the rotating parts between the transducer's
     measuring section and the reducer, with its expanded uncertainty (k = 2) as a share: the torque
@@ -368,7 +368,7 @@ class CounterDescription(_Section):
         return f"{self.serial}/{self.clock}"
 
     def with_blocks(self, block_s: float) -> Self:
-        """Return it with blocks of as many whole windows as such a time holds, at least one."""
+        """Return the counter with blocks of this duration, cut to whole windows, at least one."""
         windows = max(1, int(block_s / self.window_s + 1e-9))
         return self.model_copy(update={"block_s": windows * self.window_s})
 
@@ -406,15 +406,14 @@ class CertifiedPoints(_Section):
 class StandardDescription(_Section):
     """A calibrator or verification standard: two reference transducers and their certificate.
 
-    `certificate` may name a CSV file beside the `bench.toml` with the columns `side`,
-    `torque_nm`, `error_nm` and `expanded_uncertainty_nm` (k = 2). `certificate_due` is the last
-    day on which the certificate counts.
+    `certificate` may name a CSV file beside the `bench.toml` with the columns `side`, `torque_nm`,
+    `error_nm` and `expanded_uncertainty_nm` (k = 2). `certificate_due` is the last day on which the
+    certificate is valid.
 
-    The uncertainty over the torque is that of `certified`: it comes with `certificate`, or is
-    given for each side. Without it, the largest U counts, `expanded_uncertainty_percent` of the
-    nominal torque of the transducer: at every torque, or as that share of each torque.
-    `certificate_temperature_c` is the temperature at which the standard was calibrated,
-    `temperature_probe` the probe that it carries.
+    The uncertainty over the torque is that of `certified`, which comes from `certificate` or is
+    given for each side. Without it, U is `expanded_uncertainty_percent`, either of the transducer's
+    nominal torque (at every torque) or of each torque. `certificate_temperature_c` is the
+    temperature at which the standard was calibrated, `temperature_probe` the probe that it carries.
     """
 
     serial: Text
@@ -437,11 +436,11 @@ class StandardDescription(_Section):
         return self.input if side == "input" else self.output
 
     def uncertainty(self, side: Side) -> CertifiedUncertainty:
-        """Return U (k = 2) over the torque of the reference transducer of a side."""
+        """Return U (k = 2) over the torque for the reference transducer of a side."""
         return stated_uncertainty(self.model_dump(), side, self.transducer(side).nominal_torque_nm)
 
     def certified_by(self, certificates: Mapping[Side, ReferenceCertificate]) -> Self:
-        """Return the standard with what certificates state of sides that it doesn't have yet."""
+        """Return the standard with U from certificates for sides that don't have it yet."""
         stated = {
             side: CertifiedPoints(
                 torque_nm=list(each.certified.torque_nm),
@@ -455,16 +454,16 @@ class StandardDescription(_Section):
 def stated_uncertainty(
     standard: Mapping[str, Any], side: str, range_nm: float
 ) -> CertifiedUncertainty:
-    """Return U (k = 2) over the torque, of the record that a run keeps of a standard.
+    """Return U (k = 2) over the torque from a run's record of a standard.
 
     Parameters
     ----------
     standard : mapping
-        Fields of a `StandardDescription`; those that a run doesn't have may be absent.
+        Fields of a `StandardDescription`; some may be missing.
     side : str
-        "input", "output", or "" where it isn't known.
+        "input", "output", or "" if unknown.
     range_nm : float
-        Nominal torque of the transducer where the record doesn't state it.
+        Nominal torque of the transducer, if the record doesn't state it.
     """
     points = (standard.get("certified") or {}).get(side)
     if points:
@@ -506,15 +505,15 @@ class SafetyDescription(_Section):
     standstill_rpm: Annotated[float, Field(gt=0, le=100.0, description="rpm")] = 0.5
 
     def at_standstill(self, speed_rad_s: float) -> bool:
-        """Whether a side with this speed counts as standing; an unknown speed doesn't."""
+        """Return whether a side is at standstill; at an unknown speed it isn't."""
         return abs(speed_rad_s) * RPM_PER_RAD_S <= self.standstill_rpm
 
 
 class RecordingDescription(_Section):
-    """Recorded data beside a run's samples: with `edges` every edge of every channel.
+    """Data that are recorded beside a run's samples; with `edges` every edge of every channel.
 
-    An hour of four transducers with 60 kHz takes about 0.3 GB. With `reducer_tests` everything that
-    the evaluation of a reducer test takes, so that another version can evaluate it.
+    An hour of four transducers with 60 kHz takes about 0.3 GB. With `reducer_tests`, all inputs of
+    a reducer test's evaluation are stored, so that a later version can evaluate it again.
     """
 
     edges: bool = False
@@ -522,7 +521,7 @@ class RecordingDescription(_Section):
 
 
 class ConditionsDescription(_Section):
-    """Limits of the bench's conditions, used if a condition isn't measured.
+    """Limits of the bench's conditions, which are used if a condition isn't measured.
 
     A zero is taken again at least every `zero_interval_h`, a calibration every
     `calibration_interval_days`; transducers stay between the two temperatures.
@@ -575,7 +574,7 @@ class BenchDescription(_Section):
     def counter_nm(self, side: Side) -> float:
         """Return the standard uncertainty of one window due to counting, N·m (arXiv:1506.05009).
 
-        Where an amplifier states values, it is that of a value.
+        For an amplifier, it is that of one value.
         """
         transducer, counter = self.module(side).transducer, self.counter
         if transducer.signal != "frequency":
@@ -608,17 +607,17 @@ class BenchDescription(_Section):
         return self.input if side == "input" else self.output
 
     def unloaded_nm(self, side: Side) -> float:
-        """Return the largest torque with which a side counts as unloaded, N·m."""
+        """Return the largest torque at which a side counts as unloaded, N·m."""
         return self.safety.unloaded_percent / 100.0 * self.module(side).range_nm
 
     def standard(self, mounting: Mounting) -> StandardDescription | None:
-        """Calibrator or verification standard; None for any other mounting."""
+        """Calibrator or verification standard of a mounting; None for other mountings."""
         if mounting == "calibrator":
             return self.calibrator
         return self.verification_standard if mounting == "verification_standard" else None
 
     def relative_to(self, folder: Path) -> Self:
-        """Resolve the names of certificate files against the folder of the `bench.toml`."""
+        """Make the names of certificate files relative to the folder of the `bench.toml`."""
         changed: dict[str, _Section] = {}
         for name in ("calibrator", "verification_standard"):
             standard: StandardDescription = getattr(self, name)
@@ -634,12 +633,12 @@ class BenchDescription(_Section):
         return self.model_copy(update=changed)
 
     def certified_by(self, brought: Mapping[Mounting, Mapping[Side, ReferenceCertificate]]) -> Self:
-        """Return the description with the uncertainties that certificates of standards state.
+        """Return the description with the uncertainties from the certificates of standards.
 
         Parameters
         ----------
         brought : mapping
-            Certificates that come with the instruments; a file of the description comes first.
+            Certificates that come with the instruments; a file in the description takes precedence.
 
         Raises
         ------

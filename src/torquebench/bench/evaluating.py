@@ -1,4 +1,4 @@
-"""From a measured block to frequency, torque, conditions and compensated torque."""
+"""Evaluation of a measured block: frequency, torque, conditions and compensated torque."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ANGLE_RATE_HZ = 1000.0
 
 
 class BlockEvaluator:
-    """Evaluates blocks in order, with the values of standard and probes."""
+    """Evaluates blocks in order, with the values of the standard's read-out and of the probes."""
 
     def __init__(self, description: BenchDescription, drivers: DriverSet) -> None:
         self._description = description
@@ -52,7 +52,7 @@ class BlockEvaluator:
             delivered: EdgeBlock | Record | None
             if channel.standard and readout is not None:
                 delivered = readout.read(channel.side, measured.stop_s, measured.timed_s)
-            else:  # neither if the channel was selected after this block was timed
+            else:  # neither exists if the channel was selected after this block was timed
                 delivered = measured.records.get(name, measured.edges.get(name))
             if delivered is not None:
                 partner = partners.get((channel.side, channel.standard))
@@ -61,13 +61,13 @@ class BlockEvaluator:
         return replace(measured, records=records)
 
     def _conditions(self, block: Block) -> Record:
-        """Return speeds, accelerations and temperatures over a block; NaN where none is known."""
+        """Return speeds, accelerations and temperatures over a block; NaN for unknown ones."""
         values: dict[str, float] = {"time_s": block.stop_s}
         for side in SIDES:
             angle, speed, acceleration = block.angle(side), np.nan, UNKNOWN
             if angle is not None:
                 self.angles[side].append(angle)
-                if len(angle) >= 2:  # a silent encoder isn't a standstill
+                if len(angle) >= 2:  # a silent encoder doesn't mean standstill
                     speed = mean_speed(angle, self._per_revolution[side])
                 acceleration = self._acceleration(side, angle)
             values[f"{side}_speed_rad_s"] = speed
@@ -79,7 +79,7 @@ class BlockEvaluator:
         return Record.unchecked({name: np.array([value]) for name, value in values.items()}, 1)
 
     def _acceleration(self, side: Side, angle: Record) -> Any:
-        """Return the acceleration over a block; a short one includes samples before it."""
+        """Return the acceleration over a block; a short block includes earlier samples."""
         time_s = angle.time_s
         if time_s.size and time_s[-1] - time_s[0] < LEAST_SPAN_S:
             longer = self.angles[side].window(
@@ -96,7 +96,7 @@ class BlockEvaluator:
         channels: Mapping[str, Channel],
         compensations: Mapping[Side, ActiveChain],
     ) -> Block:
-        """Join evaluated blocks, each of which follows the one before, and compensate them."""
+        """Join consecutive evaluated blocks, and compensate them."""
         joined, torques = Block.join(blocks), {}
         fine = {
             name: (channel.push_fine(joined.edges[name]), channel.fine_window_s)
@@ -126,7 +126,7 @@ class BlockEvaluator:
         *,
         fine: bool = False,
     ) -> Torque:
-        """Compensate windows under the conditions at the end of the block of each."""
+        """Compensate windows with the conditions at the end of each window's block."""
         module, conditions = self._description.module(side), block.records[CONDITIONS]
         angle_rad: FloatArray | None = None
         row: Any = 0
@@ -150,7 +150,7 @@ class BlockEvaluator:
         return active.push(record, known, value("time_s"), fine=fine)
 
     def _angles(self, side: Side, time_s: FloatArray) -> FloatArray | None:
-        """Return the shaft's angle at times, rad; NaN where the encoder stated none."""
+        """Return the shaft's angle at given times, rad; NaN without a value of the encoder."""
         if not time_s.size:
             return None
         around_s = 2.0 * self._description.counter.window_s

@@ -1,4 +1,4 @@
-"""An event loop that shows when it is busy, so that simulated time waits for it."""
+"""An event loop that reports when it is busy, so that simulated time waits for it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["LoopActivity", "new_watched_loop"]
 
 
 class LoopActivity:
-    """Whether a loop is busy: it runs callbacks, or was woken and hasn't run them yet."""
+    """State of a loop: busy while it runs callbacks, or was woken and hasn't run them yet."""
 
     def __init__(self) -> None:
         self._waiting = False
@@ -25,25 +25,25 @@ class LoopActivity:
 
     @property
     def busy(self) -> bool:
-        """Whether the loop has something to do that isn't waiting."""
+        """Whether the loop has something to do other than waiting."""
         return not self._ended and (not self._waiting or self._sent != self._received)
 
     def sent(self) -> None:
-        """Note that the loop is about to be woken (by the waker, before it wakes it)."""
+        """Record that the loop is about to be woken (called before it is woken)."""
         self._sent += 1
 
     def received(self) -> None:
-        """Note that the callback that woke the loop has run (on the loop)."""
+        """Record that the callback that woke the loop has run (called on the loop)."""
         self._received += 1
 
     def waits(self, waiting: bool) -> None:
-        """Note that the loop begins or ends to wait for something from outside."""
+        """Record that the loop begins or stops waiting for an external event."""
         self._waiting = waiting
         if waiting:
             self.on_idle()
 
     def ends(self) -> None:
-        """Note that the loop is closed."""
+        """Record that the loop is closed."""
         self._ended = True
         self.on_idle()
 
@@ -86,6 +86,6 @@ class _WatchedSelector(selectors.BaseSelector):
 
 
 def new_watched_loop() -> tuple[asyncio.AbstractEventLoop, LoopActivity]:
-    """Create an event loop and the object that states whether it is busy."""
+    """Create an event loop, and the object that reports whether it is busy."""
     activity = LoopActivity()
     return asyncio.SelectorEventLoop(_WatchedSelector(activity)), activity

@@ -1,9 +1,9 @@
-"""Interlocks: operations that the state of the bench forbids, for every procedure.
+"""Interlocks: rules for all procedures that forbid operations in some states of the bench.
 
-Rules are functions over a `BenchState`. The devices apply them to the present state, a rehearsal to
-the state predicted for the step. Each returns when the operation is allowed and raises
-`InterlockError` (state) or `LimitError` (value) otherwise, with what was found, what is allowed and
-what to do.
+Rules are functions of a `BenchState`. The devices apply them to the present state, a rehearsal to
+the state predicted for the step. A rule returns if the operation is allowed; otherwise it raises
+`InterlockError` (state) or `LimitError` (value), with what was found, what is allowed and what to
+do.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class BenchState(Protocol):
 
     @property
     def description(self) -> BenchDescription:
-        """The bench."""
+        """Description of the bench."""
 
     def mounted(self) -> Mounting:
         """Return the part between the flanges."""
@@ -96,7 +96,7 @@ class BenchState(Protocol):
         """Last commanded torque and speed of a drive."""
 
     def reading_nm(self, side: Side) -> float:
-        """Torque reading of a transducer. Raises SignalFault if it is unknown."""
+        """Return the torque reading of a transducer. Raises SignalFault if it is unknown."""
 
     def speed_rad_s(self, side: Side) -> float:
         """Measured speed of a side."""
@@ -105,7 +105,7 @@ class BenchState(Protocol):
         """Limits in force on a side."""
 
     def drive_limits(self, side: Side) -> DriveLimits:
-        """Limits that a drive states itself."""
+        """Return the drive's own limits."""
 
     def alarm(self) -> Alarm | None:
         """Return the latched alarm."""
@@ -120,7 +120,7 @@ class BenchState(Protocol):
         """Whether the drives' supply is on; true if it isn't monitored."""
 
     def absent_s(self) -> float:
-        """Time since the last confirmation of presence ended, s; 0 while it is valid."""
+        """Time since the operator's confirmation of presence expired, s; 0 while it is valid."""
 
 
 def _always_at_end() -> RailPosition:
@@ -132,7 +132,7 @@ def _always_on() -> bool:
 
 
 class PresentState:
-    """The present bench: the state stated by its drivers, and the last commands."""
+    """The present state of the bench: the drivers' reports and the last commands."""
 
     def __init__(
         self,
@@ -167,16 +167,16 @@ class PresentState:
         return self._commands.side(side).enabled
 
     def commanded(self, side: Side) -> tuple[float, float]:
-        """Torque and speed that a drive was last requested."""
+        """Last commanded torque and speed of a drive."""
         commands = self._commands.side(side)
         return commands.torque_nm, commands.speed_rad_s
 
     def reading_nm(self, side: Side) -> float:
-        """Torque that a transducer reads. Raises SignalFault if it is unknown."""
+        """Return the reading of a transducer. Raises SignalFault if it is unknown."""
         return self._acquisition.reading_nm(torque_channel(side))
 
     def drive_limits(self, side: Side) -> DriveLimits:
-        """Limits that a drive states itself."""
+        """Return the drive's own limits."""
         return self._drives[side].limits()
 
     def alarm(self) -> Alarm | None:
@@ -185,10 +185,10 @@ class PresentState:
 
 
 class PlannedState:
-    """The bench as a plan would leave it: its devices change it when they are rehearsed.
+    """State of the bench in a rehearsal, which the rehearsed devices change.
 
     It assumes that the operator is present, the supply on and no alarm latched; the devices check
-    them at run time.
+    this at run time.
     """
 
     def __init__(self, present: BenchState, drives: Mapping[Side, Drive]) -> None:
@@ -220,15 +220,15 @@ class PlannedState:
         return self._set_points[side]["speed"]
 
     def alarm(self) -> Alarm | None:
-        """Return that no alarm is latched."""
+        """Return None: no alarm is assumed."""
         return None
 
     def absent_s(self) -> float:
-        """Return that the operator is present."""
+        """Return 0: the operator is assumed to be present."""
         return 0.0
 
     def ramp(self, side: Side, quantity: Quantity, target: float, rate: float = inf) -> float:
-        """Go to a torque or a speed, at the drive's rate or slower; return how long it takes, s."""
+        """Ramp to a torque or a speed, at the drive's rate or slower; return the duration, s."""
         check_set_point(self, side, quantity, target)
         way = abs(target - self._set_points[side][quantity])
         self._set_points[side][quantity] = target
@@ -239,10 +239,10 @@ class PlannedState:
 
 
 def check_set_point(state: BenchState, side: Side, quantity: Quantity, value: float) -> None:
-    """Check a torque (N·m) or a speed (rad/s) that a drive is about to be commanded.
+    """Check a torque (N·m) or a speed (rad/s) before a drive is commanded to it.
 
-    Any but zero needs a driven side, an enabled drive and no alarm; a torque needs a closed clamp,
-    a speed too if anything is mounted.
+    A set point other than zero requires a driven side, an enabled drive and no alarm. A torque
+    requires a closed clamp, and so does a speed if anything is mounted.
     """
     limits, own = state.limits(side), state.drive_limits(side)
     if quantity == "torque":
@@ -259,7 +259,7 @@ def check_set_point(state: BenchState, side: Side, quantity: Quantity, value: fl
 
 
 def check_torque_limit(side: Side, torque_nm: float, limit_nm: float) -> None:
-    """Refuse a torque beyond a limit of the bench, or an undefined one."""
+    """Refuse a torque beyond a limit of the bench, or one that isn't a number."""
     if not abs(torque_nm) <= limit_nm:
         raise LimitError(
             Message("{torque_nm:g} N·m requested from the {side} drive", torque_nm, side),
@@ -269,7 +269,7 @@ def check_torque_limit(side: Side, torque_nm: float, limit_nm: float) -> None:
 
 
 def check_speed_limit(side: Side, speed_rpm: float, limit_rpm: float) -> None:
-    """Refuse a speed beyond a limit of the bench, or an undefined one."""
+    """Refuse a speed beyond a limit of the bench, or one that isn't a number."""
     if not abs(speed_rpm) <= limit_rpm * (1.0 + _ROUNDING):
         raise LimitError(
             Message("{speed_rpm:g} rpm requested from the {side} drive", speed_rpm, side),
@@ -279,7 +279,7 @@ def check_speed_limit(side: Side, speed_rpm: float, limit_rpm: float) -> None:
 
 
 def _check_own_limit(side: Side, value: float, limit: float, unit: str) -> None:
-    """Refuse what the drive itself would refuse, or silently cut off."""
+    """Refuse a set point that the drive itself would refuse or limit."""
     if abs(value) > limit * (1.0 + _ROUNDING):
         raise LimitError(
             Message("{value:g} {unit} requested from the {side} drive", value, unit, side),
@@ -290,7 +290,7 @@ def _check_own_limit(side: Side, value: float, limit: float, unit: str) -> None:
 
 
 def check_enable(state: BenchState, side: Side) -> None:
-    """Refuse to enable a drive with a latched alarm, or without presence or torque signal."""
+    """Refuse to enable a drive with an alarm latched, or without presence or torque signal."""
     _check_no_alarm(state, Message("enable the {side} drive", side))
     if not state.supplied():
         raise InterlockError(
@@ -304,7 +304,7 @@ def check_enable(state: BenchState, side: Side) -> None:
             "a person who has confirmed their presence",
             "confirm your presence, then continue",
         )
-    state.reading_nm(side)  # a signal fault means an unknown torque
+    state.reading_nm(side)  # a signal fault means that the torque is unknown
 
 
 def _check_may_drive(state: BenchState, side: Side, what: str) -> None:
@@ -352,7 +352,7 @@ def _check_no_alarm(state: BenchState, purpose: str) -> None:
 
 
 def check_unloaded(state: BenchState, side: Side, purpose: str) -> None:
-    """Require that the side carries no torque and stands still.
+    """Require that the side carries no torque and is at standstill.
 
     Raises
     ------
@@ -394,9 +394,9 @@ def check_unloaded(state: BenchState, side: Side, purpose: str) -> None:
 
 
 def check_mode_change(state: BenchState, side: Side, mode: Mode) -> None:
-    """Require both sides unloaded and at standstill for another mode.
+    """Require both sides unloaded and at standstill for a change of mode.
 
-    A drive that has power stays in the mode 'driven'.
+    A side whose drive has power can't leave the mode 'driven'.
     """
     if mode not in MODES:
         raise InputError(Message("mode {mode!r}", mode), ", ".join(MODES))
@@ -411,7 +411,7 @@ def check_mode_change(state: BenchState, side: Side, mode: Mode) -> None:
 
 
 def check_clamp(state: BenchState, clamped: bool) -> None:
-    """Open the clamp only without load, close it only on something."""
+    """Allow to open the clamp only without load, and to close it only on a mounted part."""
     if clamped and state.mounted() == "nothing":
         raise InterlockError(
             "closing the clamp with nothing mounted",
@@ -430,7 +430,7 @@ def check_clamp(state: BenchState, clamped: bool) -> None:
 
 
 def check_rail(state: BenchState, position: RailPosition) -> None:
-    """Move the rail only with the clamp open, the drives off, no load and both sides at rest."""
+    """Allow to move the rail only with the clamp open, the drives off, no load and standstill."""
     if position not in RAIL_TARGETS:
         raise InputError(Message("guide rail to {position!r}", position), ", ".join(RAIL_TARGETS))
     if not state.has_rail():
@@ -454,7 +454,7 @@ def check_rail(state: BenchState, position: RailPosition) -> None:
 
 
 def check_mounting(state: BenchState, mounting: Mounting) -> None:
-    """Something else is mounted only with the clamp open and the drives off."""
+    """Allow another mounting only with the clamp open and the drives off."""
     if mounting not in MOUNTINGS:
         raise InputError(Message("mounting {what!r}", mounting), ", ".join(MOUNTINGS))
     if mounting != state.mounted():
@@ -462,7 +462,7 @@ def check_mounting(state: BenchState, mounting: Mounting) -> None:
 
 
 def check_seating(state: BenchState) -> None:
-    """Require something between the flanges, an open clamp and drives that are off."""
+    """Require a mounted part, an open clamp, and drives that are off."""
     if state.mounted() == "nothing":
         raise InterlockError(
             "seating with nothing mounted", "something between the flanges", "mount it first"
@@ -490,9 +490,9 @@ def _check_accessible(state: BenchState, mounting: Mounting) -> None:
 
 
 def check_procedure(state: BenchState, kind: ProcedureKind) -> None:
-    """Require what the procedure needs in the clamp: calibrator, standard, reducer or nothing.
+    """Require the mounting that a procedure needs: calibrator, standard, reducer or nothing.
 
-    Procedures ask this first.
+    Procedures call this first.
     """
     _check_no_alarm(state, Message("start a {kind}", kind.replace("_", " ")))
     mounted, needed = state.mounted(), _NEEDED[kind]
@@ -511,7 +511,7 @@ def check_procedure(state: BenchState, kind: ProcedureKind) -> None:
 
 
 def standard_serial(state: BenchState) -> str:
-    """Return the serial number of the mounted standard, empty when none is mounted."""
+    """Return the serial number of the mounted standard; empty if none is mounted."""
     standard = state.description.standard(state.mounted())
     return standard.serial if standard else ""
 
@@ -520,19 +520,19 @@ def standard_serial(state: BenchState) -> str:
 
 
 def check_identities(description: BenchDescription, identities: Iterable[Identity]) -> None:
-    """Compare the serial numbers that instruments report with those of the description.
+    """Compare the serial numbers that instruments report with those in the description.
 
     Parameters
     ----------
     description : BenchDescription
     identities : iterable of Identity
-        Identities stated by the instruments. Roles without a serial number in the description (a
-        read-out) aren't compared, nor instruments that state none.
+        Identities that the instruments report. Roles without a serial number in the description (a
+        read-out) and instruments that report none aren't compared.
 
     Raises
     ------
     BenchError
-        An instrument is another one than described: limits and calibrations would be wrong.
+        An instrument isn't the described one: limits and calibrations would be wrong.
     """
     for identity in identities:
         described = description.serials.get(identity.role)

@@ -1,7 +1,7 @@
-"""The record of a mounting: what a person measured and did at the bench.
+"""The record of a mounting: measurements and actions of a person at the bench.
 
-Dial gauge, the clamp pump's gauge and a watch are read at the bench and entered. A run keeps them;
-its report and the certificate state them.
+A person reads dial gauge, the clamp pump's gauge and a watch, and enters the values. A run stores
+them; its report and the certificate state them.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ class MountingRecord(BaseModel):
     coaxiality_mm : float or None
         Offset of the axes of the two modules, mm; `COAXIALITY_LIMIT_MM` at most.
     clamp_pressure_bar : float or None
-        Of the hydraulic clamp, bar.
+        Pressure of the hydraulic clamp, bar.
     duration_min : float or None
         Time to mount and align, min.
     lubricant : str
         Lubricant of the mounted part.
     lubricant_amount_g, lubricant_hours : float or None
-        How much was filled in, g, and for how long it has run since, h.
+        Amount that was filled in, g, and operating hours since then, h.
     by : str
         The person who measured it, if different from the operator of the run.
 
@@ -72,7 +72,7 @@ class MountingRecord(BaseModel):
     ] = None
     by: Annotated[str, Field(title="Mounted by", max_length=100)] = ""
 
-    # Pydantic reports a ValueError as a message about the field, and raises a TypeError.
+    # Pydantic converts a ValueError to a message about the field, but raises a TypeError.
     @field_validator("*", mode="before")
     @classmethod
     def _no_flag(cls, value: Any) -> Any:
@@ -82,14 +82,14 @@ class MountingRecord(BaseModel):
 
     @property
     def within_limit(self) -> bool | None:
-        """Whether the coaxiality keeps its limit; None where it wasn't found."""
+        """Whether the coaxiality is within its limit; None if it wasn't entered."""
         if self.coaxiality_mm is None:
             return None
         return self.coaxiality_mm <= COAXIALITY_LIMIT_MM
 
     @property
     def doubt(self) -> str:
-        """A warning where the coaxiality exceeds its limit; else empty."""
+        """Warning if the coaxiality exceeds its limit; else empty."""
         if self.within_limit is not False:
             return ""
         return Message(
@@ -100,11 +100,11 @@ class MountingRecord(BaseModel):
         )
 
     def entered(self) -> dict[str, Any]:
-        """Return the entered values, by name."""
+        """Return the entered values by name."""
         return self.model_dump(exclude_defaults=True)
 
     def stated(self) -> dict[str, str]:
-        """Return its statements, by key, in figures that need no translation."""
+        """Return its statements by key, as figures that need no translation."""
         found: dict[str, str] = {}
         if self.coaxiality_mm is not None:
             sign = "≤" if self.within_limit else ">"
@@ -126,7 +126,7 @@ class MountingRecord(BaseModel):
 
     @classmethod
     def of_run(cls, metadata: Mapping[str, Any]) -> MountingRecord | None:
-        """Return the record that a run kept; None if none was entered."""
+        """Return the record of a run's mounting; None if none was entered."""
         found = metadata.get(MOUNTED)
         return None if not found else cls.model_validate(found)
 

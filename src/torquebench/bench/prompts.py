@@ -1,4 +1,4 @@
-"""Questions to the person at the bench, which terminal and panel can both answer."""
+"""Requests to the person at the bench, which terminal and panel can both answer."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Prompt:
     Parameters
     ----------
     number : int
-        Number of the question, which an answer must state. No number comes again after a restart.
+        Number of the request, which an answer must state. Numbers aren't reused after a restart.
     text : str
         The request.
     """
@@ -36,7 +36,7 @@ OnPrompt = Callable[[Prompt], None]
 
 
 class PromptQueue:
-    """Questions that wait for an answer; the first answer counts.
+    """Queue of requests that wait for an answer; the first answer counts.
 
     Examples
     --------
@@ -55,14 +55,14 @@ class PromptQueue:
 
     @property
     def pending(self) -> Prompt | None:
-        """The question that waits, or None."""
+        """The waiting request, or None."""
         return self._pending
 
     @contextmanager
     def watching(self, on_prompt: OnPrompt) -> Iterator[None]:
-        """Register a function that is called with every question, on a separate thread.
+        """Register a function that is called with every request, on a separate thread.
 
-        A question that waits already is passed on at once.
+        If a request is already waiting, the function is called with it at once.
         """
         with self._changed:
             self._watchers.append(on_prompt)
@@ -76,12 +76,12 @@ class PromptQueue:
                 self._watchers.remove(on_prompt)
 
     def ask(self, text: str) -> str:
-        """Ask a question and wait for the answer; return the person who answered.
+        """Make a request and wait for the answer; return the person who answered.
 
         Raises
         ------
         InterlockError
-            Somebody declines, the question is cancelled, or another one waits already.
+            A person declines, the request is cancelled, or another request is already waiting.
         """
         with self._changed:
             if self._pending is not None:
@@ -105,7 +105,7 @@ class PromptQueue:
         return who
 
     def answer(self, number: int, *, done: bool, who: str = "") -> bool:
-        """Answer a question; return whether this was the answer that counts."""
+        """Answer a request; return whether this was the answer that counts."""
         with self._changed:
             pending = self._pending
             if pending is None or pending.number != number or self._answer is not None:
@@ -115,7 +115,7 @@ class PromptQueue:
             return True
 
     def cancel(self, reason: str = "the run") -> None:
-        """Decline the open question, if one does."""
+        """Decline the waiting request, if there is one."""
         if self._pending is not None:
             self.answer(self._pending.number, done=False, who=reason)
 
@@ -127,12 +127,12 @@ def _tell(watcher: OnPrompt, prompt: Prompt) -> None:
 
 
 class QueuedOperator:
-    """The operator of a real bench, asked through prompts; see `drivers.base.OperatorPrompts`.
+    """The operator of a real bench, asked through a queue; see `drivers.base.OperatorPrompts`.
 
     Parameters
     ----------
     prompts : PromptQueue
-        Where the questions wait.
+        Queue of the requests.
     mounted : str
         Initial mounting between the flanges, as far as known.
     """
@@ -142,7 +142,7 @@ class QueuedOperator:
         self._mounted: Mounting = mounted
 
     def mount(self, mounting: Mounting) -> None:
-        """Ask for something to be put between the flanges."""
+        """Request that a part is put between the flanges."""
         what = mounting.replace("_", " ")
         if mounting == "nothing":
             self.prompts.ask(
@@ -177,5 +177,5 @@ class QueuedOperator:
             )
 
     def cancel(self) -> None:
-        """Give up waiting: the run ends."""
+        """Stop waiting, because the run ends."""
         self.prompts.cancel()

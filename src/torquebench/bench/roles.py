@@ -25,7 +25,7 @@ Side = Literal["input", "output"]
 Mode = Literal["free", "driven", "locked"]
 Mounting = Literal["calibrator", "verification_standard", "reducer", "nothing"]
 RailPosition = Literal["end", "away", "between"]
-"""Of the guide rail: at its end position, drawn back to mount, or on its way."""
+"""Position of the guide rail: at its end, away for mounting, or on its way."""
 
 SIDES: tuple[Side, Side] = ("input", "output")
 MODES: tuple[Mode, ...] = ("free", "driven", "locked")
@@ -36,7 +36,7 @@ CHANNELS = ("input_torque", "output_torque", "input_reference", "output_referenc
 
 @dataclass(frozen=True)
 class Seating:
-    """How the mounted part is to be seated again.
+    """Requested change of the mounted part's seating.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The last commands to the bench, shared by everything that commands or checks it."""
+"""The last commands to the bench, shared by all parts that command or check it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class SetPoint:
     value : float
         N·m or rad/s.
     rate : float
-        Of the drive's ramp, N·m/s or rad/s².
+        Rate of the drive's ramp, N·m/s or rad/s².
     within_s : float
         Shortest duration of the ramp, s of bench time.
     asked_s, told_s : float
@@ -38,27 +38,27 @@ class SetPoint:
 
     @property
     def uncertain_s(self) -> float:
-        """Ramp time to zero if it is unknown whether the drive got the command, s; else 0."""
+        """Ramp time to zero while it is unknown whether the command arrived, s; else 0."""
         return 0.0 if math.isfinite(self.told_s) else abs(self.value) / self.rate
 
 
 @dataclass(frozen=True)
 class Turned:
-    """How far a drive has turned by its speed commands, if it follows their ramps.
+    """Angle by which a drive has turned by its speed commands, if it follows their ramps.
 
     Parameters
     ----------
     angle_rad : float
-        With each command from the time when the drive had it.
+        Angle if each command takes effect when the drive has received it.
     uncertain_rad : float
-        Largest deviation from that, since each command counts from some moment while it was given;
-        of ramps, also in slices, that end before the next one.
+        Largest deviation from this angle, because each command takes effect at some moment while it
+        is being given.
     time_s, speed_rad_s : float
-        Time to which that holds, and the speed then.
+        Time for which the angle is valid, and the speed at that time.
     target_rad_s, rate : float
-        Of the ramp that goes on, rad/s and rad/s².
+        Target and rate of the present ramp, rad/s and rad/s².
     late_s : float
-        How much earlier that ramp may be.
+        Time by which this ramp may be earlier.
     """
 
     angle_rad: float = 0.0
@@ -70,7 +70,7 @@ class Turned:
     late_s: float = 0.0
 
     def until(self, time_s: float) -> Turned:
-        """Go on to a later time."""
+        """Advance to a later time."""
         lasts_s = max(0.0, time_s - self.time_s)
         apart = self.target_rad_s - self.speed_rad_s
         whole_s = abs(apart) / self.rate if apart else 0.0
@@ -81,9 +81,9 @@ class Turned:
         return replace(self, angle_rad=angle, time_s=self.time_s + lasts_s, speed_rad_s=speed)
 
     def commanded(self, point: SetPoint) -> Turned:
-        """Go on to the time when a command was given, and follow it from then on."""
+        """Advance to the time of a command, and follow this command from then on."""
         before, late_s = self.until(point.told_s), point.told_s - point.asked_s
-        if before.speed_rad_s != before.target_rad_s:  # the ramp goes on, from where it is
+        if before.speed_rad_s != before.target_rad_s:  # the ramp continues from its present value
             late_s = max(late_s, self.late_s)
         apart = abs(point.value - before.speed_rad_s)
         return replace(
@@ -102,7 +102,7 @@ class SideCommands:
     Parameters
     ----------
     enabled : bool
-        Whether the drive was enabled, and neither disabled since nor by the supervisor.
+        Whether the drive was enabled and hasn't been disabled since, not even by the supervisor.
     torque_nm, speed_rad_s : float
         Set points.
     changed_s : float
@@ -115,9 +115,9 @@ class SideCommands:
         Quantity of the last command; a shaft that a mounted standard holds keeps its torque while
         its speed changes.
     set_points : dict of str to SetPoint
-        The last one of each quantity, from the time of its command on.
+        The last set point of each quantity, from the time of its command on.
     turned : Turned
-        By all speed commands so far.
+        Angle by all speed commands so far.
     """
 
     enabled: bool = False
@@ -138,11 +138,11 @@ class SideCommands:
 
     @property
     def uncertain_s(self) -> float:
-        """Ramp time to zero if it is unknown whether the drive got a command, s; else 0."""
+        """Ramp time to zero while it is unknown whether the drive received a command, s; else 0."""
         return max(point.uncertain_s for point in self.set_points.values())
 
     def ask(self, quantity: Quantity, value: float, rate: float, time_s: float) -> SetPoint:
-        """Record that the command is about to be given."""
+        """Record that a command is about to be given."""
         asked = SetPoint(value, rate, asked_s=time_s, told_s=math.inf)
         self.set_points[quantity] = asked
         self.controls = quantity
@@ -162,7 +162,7 @@ class SideCommands:
         return told
 
     def on(self) -> None:
-        """Note that the drive has power, at zero torque."""
+        """Record that the drive has power, at zero torque."""
         self.controls = "torque"
         self.enabled_wall_s = time.monotonic()
         self.enabled = True
@@ -170,12 +170,12 @@ class SideCommands:
     def withdraw(
         self, quantity: Quantity, asked: SetPoint, before: tuple[Quantity, SetPoint]
     ) -> None:
-        """Record that a command was refused: the controlled quantity and set point before hold."""
+        """Record that a command was refused: the earlier quantity and set point stay in force."""
         if self.set_points[quantity] is asked:
             self.controls, self.set_points[quantity] = before
 
     def ask_zero(self, time_s: float, ramp_s: float) -> SetPoint:
-        """Note that the drive is about to be commanded to go to zero, and within which time."""
+        """Record that the drive is about to be commanded to zero, within a ramp's time."""
         self.torque_nm = self.speed_rad_s = 0.0
         self.changed_s = time_s
         asked = SetPoint(within_s=ramp_s, asked_s=time_s, told_s=math.inf)
@@ -183,7 +183,7 @@ class SideCommands:
         return asked
 
     def told_zero(self, asked: SetPoint, time_s: float) -> None:
-        """Record that the command was given, except where another one followed."""
+        """Record that the command was given, unless another one followed."""
         told = replace(asked, told_s=time_s)
         for quantity, point in self.set_points.items():
             if point is asked:
@@ -192,11 +192,11 @@ class SideCommands:
                     self.turned = self.turned.commanded(told)
 
     def at_zero(self, time_s: float) -> None:
-        """Note that the drive is at zero torque and speed."""
+        """Record that the drive is at zero torque and speed."""
         self.told_zero(self.ask_zero(time_s, 0.0), time_s)
 
     def off(self, time_s: float) -> None:
-        """Note that the drive has no power."""
+        """Record that the drive has no power."""
         self.at_zero(time_s)
         self.enabled = False
 

@@ -1,1 +1,1 @@
-"""Entries of what people and software did, chained by hashes."""
+"""The audit log: actions of people and software, chained by hashes."""

@@ -1,4 +1,4 @@
-"""The audit log's hash chain: each line covers the line before it."""
+"""The audit log's hash chain: the hash of each line includes that of the line before."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ __all__ = [
 ]
 
 AUDIT_FILE = "audit.jsonl"
-"""Name of the log in its folder and of a run's part in the run's folder."""
+"""Name of the log in its folder, and of a run's part of the log in the run's folder."""
 DROPPED = "old log dropped"
-"""Event of the line that says up to which line older logs were dropped."""
+"""Event of a line that states the last line of deleted older logs."""
 _START = "0" * 64
 _CHAIN = re.compile(
     rb', "log_line": ([0-9]+), "previous_sha256": "([0-9a-f]{64})", "sha256": "([0-9a-f]{64})"\}$'
@@ -33,14 +33,14 @@ _CHAIN = re.compile(
 
 @dataclass(frozen=True)
 class AuditEnd:
-    """A line of the log, by which everything before it can be compared.
+    """Number and hash of a line of the log, which determine everything before it.
 
     Parameters
     ----------
     line : int
-        Its number, from 1; 0 for a log without lines.
+        Number of the line, from 1; 0 for a log without lines.
     sha256 : str
-        Its hash, which covers all lines before it.
+        Hash of the line, which depends on all lines before it.
     """
 
     line: int = 0
@@ -49,7 +49,7 @@ class AuditEnd:
 
 @dataclass(frozen=True)
 class _Place:
-    """A line's place in the chain, and whether its hash is right."""
+    """A line's position in the chain, and whether its hash is right."""
 
     end: AuditEnd
     previous_sha256: str
@@ -57,7 +57,7 @@ class _Place:
 
 
 def chained(line: str, end: AuditEnd) -> tuple[bytes, AuditEnd]:
-    """Return a JSON line with its place in the chain, line feed included, and the new end.
+    """Return a JSON line with number and hashes, line feed included, and the new end of the log.
 
     Examples
     --------
@@ -71,14 +71,15 @@ def chained(line: str, end: AuditEnd) -> tuple[bytes, AuditEnd]:
 
 
 def files_aside(folder: Path) -> list[Path]:
-    """Return the logs that were put aside, the oldest first."""
+    """Return the archived logs, the oldest first."""
     return sorted(folder.glob("audit-*.jsonl"))
 
 
 def last_end(folder: Path, content: bytes) -> AuditEnd:
-    """Return the last whole line of a log's content, or else of the logs that were put aside.
+    """Return the last complete line of a log's content, or else of the archived logs.
 
-    A log that was begun before lines were chained is covered as a whole by the first line that is.
+    In a log that began before lines were chained, the first chained line has the hash of everything
+    before it.
     """
     for line in reversed(content.split(b"\n")):
         place = _place(line)
@@ -92,7 +93,7 @@ def last_end(folder: Path, content: bytes) -> AuditEnd:
 
 
 def audit_end(path: Path) -> AuditEnd:
-    """Return the last whole line of a run's part of the log; line 0 if there is none."""
+    """Return the last complete line of a run's part of the log; line 0 if there is none."""
     if not path.exists():
         return AuditEnd()
     places = (_place(line) for line in reversed(path.read_bytes().split(b"\n")))
@@ -116,14 +117,14 @@ class AuditCheck:
 
 
 def check_audit(folder: Path, noted: Iterable[tuple[AuditEnd, str]] = ()) -> AuditCheck:
-    """Compare every line of the log with its chain, and the chain with its recorded ends.
+    """Compare every line of the log with its chain, and the chain with recorded ends.
 
     Parameters
     ----------
     folder : pathlib.Path
         Of the log, which may be in use.
     noted : iterable of (AuditEnd, str)
-        Ends that were noted elsewhere, each with where.
+        Ends that were recorded elsewhere, each with its place.
     """
     walk = _Walk(folder, noted)
     for file in (*files_aside(folder), folder / AUDIT_FILE):
@@ -153,14 +154,16 @@ class _Walk:
         for number, line in enumerate(lines, start=1):
             self._line(f"{file}, line {number}", line, content[:position])
             position += len(line) + 1
-        if torn and file.name != AUDIT_FILE:  # the next line of the log in use is being written
+        if torn and file.name != AUDIT_FILE:  # the next line of the log is still being written
             self._problem(str(file), "its last line is incomplete")
 
     def _line(self, where: str, line: bytes, before: bytes) -> None:
         self.check.lines += 1
         place = _place(line)
         if place is None and self._end is None:
-            self._older = self._older or where  # than the chain, whose first line covers it
+            self._older = (
+                self._older or where
+            )  # older than the chain, whose first line includes its hash
             return
         if place is None or not place.intact:
             self._damaged = True
@@ -196,7 +199,7 @@ class _Walk:
                 str(self._folder), f"lines {self._dropped + 1} to {self._first - 1} are missing"
             )
         missing = {line for line in self._noted if line > self._dropped}
-        if not missing or self.check.problems:  # a damaged line can't be the recorded one
+        if not missing or self.check.problems:  # a damaged line can't be the recorded end
             return
         line = max(missing)
         found = "there is no log" if self._end is None else f"the log ends with {self._end.line}"

@@ -1,12 +1,12 @@
 """The audit log: one JSON line for every command to the bench, alarm, run and acknowledgement.
 
-It is kept beside the records (`audit/audit.jsonl` in the data directory), and each run's part also
-in the run's folder, where the manifest seals it. A line is written before a command is given, so
-that the command is on record even if the process dies with it.
+It is stored beside the records (`audit/audit.jsonl` in the data directory), and each run's part
+also in the run's folder, where the manifest seals it. A line is written before its command is
+given, so that the command is recorded even if it crashes the process.
 
 Every line carries its number, the hash of the line before and its own hash: a later change, removal
 or insertion breaks the chain. Lines removed at the end are detected by the line numbers and hashes
-that run folders and registry keep.
+in run folders and registry.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ __all__ = ["AUDIT_FILE", "AUDIT_FOLDER", "AuditLog", "read_audit"]
 AUDIT_FOLDER = "audit"
 """Folder of the log in a data directory."""
 LARGEST_BYTES = 8_000_000
-"""A larger log is archived under the time of its end, B."""
+"""Size above which a log is archived, under the time of its end, B."""
 KEPT_FILES = 64
-"""Number of archived logs that are kept; runs keep their own part in any case."""
+"""Number of archived logs that are kept; runs have their own part in any case."""
 
 
 class AuditLog:
-    """Appends lines, each bound to bench, run and operator; safe to use from any thread.
+    """Writer of the log, whose lines name bench, run and operator; safe to use from any thread.
 
-    A disk that fails never keeps a command from the bench: the failure is reported once, by
-    `on_failure`, and the next line is tried again.
+    A failing disk never prevents a command: the failure is reported once, by `on_failure`, and the
+    next line is tried again.
 
     Parameters
     ----------
@@ -57,12 +57,12 @@ class AuditLog:
     bench_time : callable
         Bench time, s.
     largest_bytes, kept_files : int
-        When a log is put aside, and how many of those are kept.
+        Size above which a log is archived, and number of archived logs that are kept.
 
     Attributes
     ----------
     on_failure : callable
-        Called with the reason why a line couldn't be written, once until a line is written again.
+        Called with the reason when a line couldn't be written; not again before a line was written.
     """
 
     def __init__(
@@ -110,12 +110,12 @@ class AuditLog:
     # -- context ----------------------------------------------------------------------------
 
     def bind(self, **values: str) -> None:
-        """Bind every further line to these values too."""
+        """Add these values to every further line."""
         with self._lock:
             self._logger = self._logger.bind(**values)
 
     def begin_run(self, run_id: str, operator: str, folder: Path) -> None:
-        """Bind every line to a run and its operator, and keep them in its folder too."""
+        """Add run and operator to every further line, and write it to the run's folder too."""
         with self._lock:
             self._logger = self._logger.bind(run=run_id, operator=operator)
             try:
@@ -124,7 +124,7 @@ class AuditLog:
                 self._fails(f"{folder / AUDIT_FILE}: {error.strerror}")
 
     def end_run(self) -> None:
-        """Bind lines to no run any more."""
+        """End the binding of lines to a run."""
         self._waiting.join()
         with self._lock:
             self._logger = self._logger.try_unbind("run", "operator")
@@ -137,9 +137,9 @@ class AuditLog:
         self._logger.info(event, **values)
 
     def write_soon(self, event: str, /, **values: Any) -> None:
-        """Append a line with the present time, on a separate thread.
+        """Append a line with the present time, from a separate thread.
 
-        The caller waits for no disk. `close` ends the thread.
+        The caller doesn't wait for the disk. `close` ends the thread.
         """
         self._logger.debug(event, **values)
 
@@ -201,7 +201,7 @@ class AuditLog:
                 if self._size > self._largest:
                     self._put_log_aside()
             except OSError as error:
-                self._close_log()  # opened again by the next line, which cuts off an incomplete one
+                self._close_log()  # the next line opens it again and cuts off an incomplete one
                 self._fails(f"{self.path}: {error.strerror or error}")
             else:
                 self._failed = False
@@ -219,7 +219,7 @@ class AuditLog:
             self._file = os.open(self.path, _APPEND, 0o600)
             content = self.path.read_bytes()
             whole = content.rfind(b"\n") + 1
-            if whole < len(content):  # a kill or a power cut in the middle of a line
+            if whole < len(content):  # a kill or a power failure in the middle of a line
                 os.ftruncate(self._file, whole)
             self._end = last_end(self.path.parent, content[:whole])
             self._size = whole
@@ -243,7 +243,7 @@ class AuditLog:
             self._file = None
 
     def _put_log_aside(self) -> None:
-        """Continue in a new file; delete the oldest of too many and note their last lines."""
+        """Archive the log, continue in a new file, and delete the oldest of too many archives."""
         self._close_log()
         self.path.rename(self.path.with_name(f"audit-{datetime.now(UTC):%Y%m%dT%H%M%S%fZ}.jsonl"))
         for old in files_aside(self.path.parent)[: -self._kept]:
@@ -261,7 +261,7 @@ _APPEND = os.O_WRONLY | os.O_CREAT | os.O_APPEND
 
 
 class _Sink:
-    """The sink that structlog writes its lines to."""
+    """Output of structlog, which appends its lines to the log."""
 
     def __init__(self, write: Callable[[str], None], write_soon: Callable[[str], None]) -> None:
         self.info = write
@@ -275,9 +275,9 @@ def _write_all(file: int, content: bytes) -> None:
 
 
 def read_audit(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the lines of a log, or of the log and everything put aside in a folder, oldest first.
+    """Yield the lines of a log file, or of a folder's log and all its archives, oldest first.
 
-    A line truncated by a power cut is left out.
+    A line truncated by a power failure is left out.
 
     Parameters
     ----------

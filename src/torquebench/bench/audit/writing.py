@@ -1,7 +1,7 @@
-"""Instruments that record their commands: every command passes here into the audit log.
+"""Instruments whose commands are written to the audit log.
 
-Commands of a procedure also pass a gate: once an alarm is latched none takes effect, not even one
-that another thread was giving while the supervisor removed the torque.
+Commands of a procedure also pass a gate: while an alarm is latched none takes effect, not even a
+command that another thread was giving while the supervisor removed the torque.
 """
 
 from __future__ import annotations
@@ -42,17 +42,17 @@ Commander = Literal["procedure", "supervisor", "doctor"]
 
 
 class CommandGate(Protocol):
-    """Whether commands of a procedure may pass: None, or the alarm that forbids them."""
+    """A function that returns the alarm which forbids commands of a procedure, or None."""
 
     def __call__(self) -> Alarm | None:
-        """Return the alarm that is latched."""
+        """Return the latched alarm."""
 
 
 class AuditedDrive:
     """A drive whose commands are in the audit log.
 
-    Feeding the watchdog and reading the state aren't commands and aren't logged: they occur a
-    hundred times a second.
+    Watchdog signals and state requests aren't commands and aren't logged: they occur a hundred
+    times a second.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class AuditedDrive:
     gate : callable
         See `CommandGate`; for the supervisor it is always open.
     ramp_s : float
-        Ramp time to zero after a command that came too late, s.
+        Ramp time to zero after a command that came after an alarm, s.
     """
 
     def __init__(
@@ -96,11 +96,11 @@ class AuditedDrive:
         self._pass("enable", self.drive.enable)
 
     def disable(self) -> None:
-        """Take the power off the motor."""
+        """Switch off the motor's power."""
         self._give("disable", self.drive.disable)
 
     def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
-        """Go to a torque at a limited rate."""
+        """Ramp to a torque at a limited rate."""
         self._pass(
             "command_torque",
             lambda: self.drive.command_torque(torque_nm, ramp_nm_per_s),
@@ -110,7 +110,7 @@ class AuditedDrive:
         )
 
     def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
-        """Go to a speed at a limited rate."""
+        """Ramp to a speed at a limited rate."""
         self._pass(
             "command_speed",
             lambda: self.drive.command_speed(speed_rad_s, ramp_rad_per_s2),
@@ -120,17 +120,17 @@ class AuditedDrive:
         )
 
     def ramp_to_zero(self, duration_s: float) -> None:
-        """Bring torque and speed to zero."""
+        """Ramp torque and speed to zero."""
         self._give(
             "ramp_to_zero", lambda: self.drive.ramp_to_zero(duration_s), duration_s=duration_s
         )
 
     def feed_watchdog(self) -> None:
-        """Tell the drive that the supervisor lives."""
+        """Reset the drive's watchdog."""
         self.drive.feed_watchdog()
 
     def state(self) -> DriveState:
-        """Ask for the active set points and the fault state."""
+        """Request the active set points and the fault state."""
         return self.drive.state()
 
     def close(self) -> None:
@@ -143,11 +143,13 @@ class AuditedDrive:
         """Give a command that moves something, unless an alarm is latched before or during it."""
         alarm = self._gate()
         if alarm is not None and not moves:
-            return  # the supervisor is ramping to zero already, and faster
+            return  # the supervisor is already ramping to zero, and faster
         if alarm is None:
             self._give(command, give, **values)
             alarm = self._gate()
-            if alarm is not None and moves:  # the supervisor acted in between: its zero counts
+            if (
+                alarm is not None and moves
+            ):  # the supervisor acted in between: its command to zero takes precedence
                 self._give(
                     "ramp_to_zero",
                     lambda: self.drive.ramp_to_zero(self._ramp_s),
@@ -184,7 +186,7 @@ class AuditedModes:
         _logged(self._log, "modes", "set_mode", give, "procedure", side=side, mode=mode)
 
     def mode(self, side: Side) -> Mode:
-        """Ask for the present mode of one side."""
+        """Request the present mode of one side."""
         return self._modes.mode(side)
 
 
@@ -201,7 +203,7 @@ class AuditedClamp:
         _logged(self._log, "clamp", "set_clamped", give, "procedure", clamped=clamped)
 
     def clamped(self) -> bool:
-        """Ask whether the clamp is closed and under pressure."""
+        """Return whether the clamp is closed and under pressure."""
         return self._clamp.clamped()
 
 
@@ -218,14 +220,14 @@ class AuditedRail:
         _logged(self._log, "guide rail", "move", give, "procedure", position=position)
 
     def position(self) -> RailPosition:
-        """Ask where it is."""
+        """Return the rail's position."""
         return self._rail.position()
 
 
 def audited(
     drivers: DriverSet, log: AuditLog, by: Commander, gate: CommandGate, ramp_s: float
 ) -> DriverSet:
-    """Return the instruments with everything that commands them through the audit log.
+    """Return the instruments with an audit log for all that are commanded.
 
     Parameters
     ----------
@@ -257,7 +259,7 @@ def _logged(
     by: Commander,
     **values: object,
 ) -> None:
-    """Write a line and give the command; the supervisor commands before the line is written."""
+    """Write a line and give the command; for the supervisor, give the command first."""
     line = {"instrument": instrument, "command": command, "by": by, **values}
     urgent = by == "supervisor"
     write = log.write_soon if urgent else log.write

@@ -1,4 +1,4 @@
-"""The certificate of an angle encoder over a turn, and the correction that follows from it."""
+"""The certificate of an angle encoder over a turn, and the correction by it."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class EncoderCertificate:
         return float(np.sqrt(np.mean((0.5 * self.expanded_uncertainty_rad) ** 2)))
 
     def correct(self, indicated_rad: ArrayLike) -> NDArray[np.float64]:
-        """Angle from the indication over any number of turns, errors interpolated linearly."""
+        """Return the angle from the indication over any number of turns, linear between errors."""
         indicated = np.asarray(indicated_rad, dtype=np.float64)
         error = np.interp(indicated, self.angle_rad, self.error_rad, period=TURN)
         return np.asarray(indicated - error)
@@ -104,7 +104,7 @@ def read_encoder_certificate(path: Path | str) -> EncoderCertificate:
 def encoder_certificates(
     description: BenchDescription, brought: Mapping[Side, EncoderCertificate]
 ) -> dict[Side, EncoderCertificate]:
-    """Return certificates of the encoders: the description's files, else the drivers'."""
+    """Return the encoders' certificates, from the description's files, else from the drivers."""
     certificates = dict(brought)
     for side in SIDES:
         path = description.module(side).encoder.certificate

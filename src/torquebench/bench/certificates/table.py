@@ -1,4 +1,4 @@
-"""Certificates as tables: columns by quantity, in any format that is read, with clear errors."""
+"""Certificates as tables, in any supported format: columns by quantity, with clear errors."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ __all__ = ["check_columns", "read_columns"]
 
 
 def check_columns(kind: str, least: int, *columns: NDArray[np.float64]) -> None:
-    """Refuse columns of a certificate that aren't finite numbers of enough points.
+    """Refuse columns of a certificate that have too few points or values that aren't finite.
 
     Parameters
     ----------
     kind : str
         Name of the certificate in errors.
     least : int
-        Number of points that it has to have.
+        Smallest number of points.
     *columns : ndarray of float64, shape (n,)
 
     Raises
@@ -58,9 +58,9 @@ def read_columns(
     Parameters
     ----------
     path : path
-        Of any format that `read_table` reads.
+        File of any format that `read_table` reads.
     wanted, required
-        As of `understand`.
+        As in `understand`.
     kind : str
         Name of the certificate in errors.
     remedy : str

@@ -1,4 +1,4 @@
-"""The certificate of a reference transducer, and the correction that follows from it."""
+"""The certificate of a reference transducer, and the correction by it."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ class ReferenceCertificate:
             )
 
     def correct(self, indication_nm: ArrayLike) -> NDArray[np.float64]:
-        """Torque from the indication, errors interpolated linearly between certified points.
+        """Return the torque from the indication; errors are linear between certified points.
 
-        Beyond the last certified point the error of that point is taken.
+        Beyond the last certified point, the error of that point is used.
         """
         indication = np.asarray(indication_nm, dtype=np.float64)
         error = np.interp(indication, self.torque_nm + self.error_nm, self.error_nm)
@@ -76,7 +76,7 @@ class ReferenceCertificate:
     @property
     def certified(self) -> CertifiedUncertainty:
         """U (k = 2) over the torque."""
-        from torquebench.uncertainty import CertifiedUncertainty  # heavy
+        from torquebench.uncertainty import CertifiedUncertainty  # imported late: it is heavy
 
         return CertifiedUncertainty.of_table(self.torque_nm, self.expanded_uncertainty_nm)
 
@@ -123,7 +123,7 @@ def read_uncertainty(path: Path | str, side: str = "") -> CertifiedUncertainty:
         `expanded_uncertainty_nm`; a certificate of a bench's standard, with `side`, may be given
         too.
     side : {"input", "output", ""}
-        Whose lines are read where the file has both.
+        Side whose rows are read if the file has both.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """The bench as ophyd-async devices, which plans read, set and trigger.
 
-`BenchDevices` holds one `Module` a side, the mounted `Reference`, the `ClampDevice`, the
+`BenchDevices` holds one `Module` for each side, the mounted `Reference`, the `ClampDevice`, the
 `MountingDevice`, the `TemperatureProbes` and the `PointLabel` that stamps each point.
 """
 

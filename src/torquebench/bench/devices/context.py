@@ -1,4 +1,4 @@
-"""Common objects of all devices of a bench."""
+"""Objects that all devices of a bench share."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class BenchContext:
-    """The open bench below its devices."""
+    """The open bench that the devices use: drivers, acquisition, supervisor and clock."""
 
     description: BenchDescription
     drivers: DriverSet
@@ -42,7 +42,7 @@ class BenchContext:
         *args: Arguments.args,
         **kwargs: Arguments.kwargs,
     ) -> Result:
-        """Call a driver, on a thread of its own where it may block."""
+        """Call a driver, in a thread of its own if it may block."""
         if self.drivers.blocking:
             return await asyncio.to_thread(function, *args, **kwargs)
         return function(*args, **kwargs)
@@ -55,13 +55,13 @@ class BenchContext:
         *args: Arguments.args,
         **kwargs: Arguments.kwargs,
     ) -> None:
-        """Command a drive; a failure is an alarm, as the drive's state is then unknown.
+        """Command a drive; a failure raises an alarm, because the drive's state is then unknown.
 
         Parameters
         ----------
         side : {"input", "output"}
         what : str
-            The command, worded after "told to".
+            The command in words, to follow "commanded to".
         order : callable
             The drive's method, followed by its arguments.
 
@@ -73,7 +73,9 @@ class BenchContext:
         try:
             await self.call(order, *args, **kwargs)
         except BenchError as failure:
-            if self.supervisor.alarm is None:  # it may just have been switched off for that
+            if (
+                self.supervisor.alarm is None
+            ):  # a failure may be the reason why it was just switched off
                 found = Message(
                     "{side} drive, commanded to {what}: {found}", side, what, failure.found
                 )

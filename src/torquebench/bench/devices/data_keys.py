@@ -1,4 +1,4 @@
-"""Data keys of Bluesky documents: name, unit and description by the table of columns."""
+"""Data keys of Bluesky documents: name, unit and description from the table of columns."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _TYPES = {bool: "boolean", int: "integer", float: "number"}
 
 
 def data_key(source: str, field: str, kind: type = float) -> DataKey:
-    """Return the data key of a scalar, with a description, which event-model allows beside its own.
+    """Return the data key of a scalar, with a description as an addition to event-model's keys.
 
     Parameters
     ----------

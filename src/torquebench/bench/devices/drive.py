@@ -27,17 +27,17 @@ from torquebench.units import RPM_PER_RAD_S
 __all__ = ["DriveAxis", "DriveDevice", "DriveSwitch", "RampTo", "slice_s"]
 
 SHORTEST_SLICE_S = 0.1
-"""Shortest slice of a ramp, s: half of it is left for the next command to come."""
+"""Shortest slice of a ramp, s: half of it remains for the next command to arrive."""
 SLICE_SHARE = 0.1
-"""Largest part of the range that a longer slice adds."""
+"""Largest share of the range by which a longer slice may change the set point."""
 
 
 @dataclass(frozen=True)
 class RampTo:
-    """A torque or speed and the rate at which it is approached.
+    """A torque or speed, and the rate at which it is approached.
 
-    The speed of a loop decides its shape, and a quick change of speed loads a transducer with the
-    shafts' inertia.
+    The rate influences the shape of a torque-angle loop, and a quick change of speed loads a
+    transducer with the shafts' inertia.
 
     Parameters
     ----------
@@ -63,10 +63,10 @@ class RampTo:
 class DriveAxis(StandardReadable, AsyncLocatable[float]):
     """Torque (N·m) or speed (rad/s) of a drive.
 
-    `set` checks the interlocks and limits, commands the drive and is done when the drive's ramp
-    has had its time. It doesn't wait for the torque to settle: `SteadyTorque` does. `stop` ramps
-    the drive to zero torque and zero speed: the run engine calls it on pause, abort and at the
-    end of every plan.
+    `set` checks the interlocks and limits, commands the drive and is done when the duration of the
+    drive's ramp is over. It doesn't wait for the torque to settle: `SteadyTorque` does. `stop`
+    ramps the drive to zero torque and zero speed: the run engine calls it on pause, abort and at
+    the end of every plan.
     """
 
     def __init__(self, context: BenchContext, side: Side, quantity: Quantity) -> None:
@@ -85,12 +85,12 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
 
     @AsyncStatus.wrap
     async def set(self, value: float | RampTo) -> None:
-        """Command the drive; done when its ramp has had its time.
+        """Command the drive; done when the duration of its ramp is over.
 
-        The drive itself ramps, at its own rate or at a lower one of `RampTo`. Where time is real, a
-        ramp is commanded in slices (see `slice_s`), each before the drive has reached the end of
-        the one before: a drive that loses this computer goes no further. A command is recorded
-        before and after the drive gets it, if it has power.
+        The drive itself ramps, at its own rate or at a lower rate of `RampTo`. In real time, a ramp
+        is commanded in slices (see `slice_s`), each before the drive has reached the end of the
+        previous one, so that a drive that loses its connection stops ramping. If the drive has
+        power, the command is recorded before and after it is given.
 
         Raises
         ------
@@ -99,7 +99,7 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
         LimitError
             The value is beyond the limits of the bench description or of the drive.
         BenchError
-            The drive doesn't obey, which is an alarm.
+            The drive doesn't accept the command, which is an alarm.
         """
         context, quantity = self._context, self._quantity
         ramp = value if isinstance(value, RampTo) else RampTo(value, math.inf)
@@ -107,7 +107,7 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
         commands = context.commands.side(self._side)
         module = context.description.module(self._side)
         rate = min(ramp.rate, module.drive.rate(quantity))
-        # in fast time the bench doesn't go on without this computer
+        # in fast time the bench stops without this computer anyway
         sliced = commands.enabled and not context.clock.fast
         part_s = slice_s(module, quantity, rate) if sliced else math.inf
         start = commands.value(quantity)
@@ -121,21 +121,21 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
             left_s = (way - done) / rate
             await context.clock.sleep_until(told.told_s + min(left_s, part_s / 2.0))
             superseded = commands.set_points[quantity] is not told
-            if last or superseded:  # a pause or a stop has commanded zero meanwhile
+            if last or superseded:  # meanwhile a pause or a stop has commanded zero
                 break
-            # a simulated drive has got as far as the samples, a real one further
+            # a simulated drive is as far as the samples, a real one is ahead of them
             clock = context.clock
             passed_s = min(clock.now() - acquired_s, clock.present() - told.told_s)
             done = min(ahead, done + rate * passed_s)
         await context.clock.sleep_until(told.told_s + left_s)
 
     def rehearse(self, planned: PlannedState, value: float | RampTo) -> float:
-        """Ramp as planned; return how long it takes, s."""
+        """Ramp in the planned state; return the duration of the ramp, s."""
         ramp = value if isinstance(value, RampTo) else RampTo(value, math.inf)
         return planned.ramp(self._side, self._quantity, ramp.target, ramp.rate)
 
     async def _command(self, target: float, rate: float) -> SetPoint:
-        """Command the drive, if it has power, and record that."""
+        """Command the drive if it has power, and record the command."""
         context, side, quantity = self._context, self._side, self._quantity
         commands, drive = context.commands.side(side), context.drivers.drives[side]
         before = commands.controls, commands.set_points[quantity]
@@ -145,7 +145,7 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
             order = Message("go to {target:g} {unit}", target, self._unit)
             try:
                 await context.tell_drive(side, order, tell, target, rate)
-            except (InputError, LimitError):  # refused before the drive got it
+            except (InputError, LimitError):  # refused before the drive received it
                 commands.withdraw(quantity, asked, before)
                 raise
         # the samples so far end before the ramp
@@ -153,27 +153,28 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
         present = commands.set_points[quantity]
         overtaken = present is not told and present.value == 0.0 != target
         if overtaken and commands.enabled:
-            # zero was commanded while the drive got this, and counts
+            # zero was commanded while this command was given, and takes precedence
             ramp_s = context.description.safety.ramp_to_zero_s
             await context.tell_drive(side, "go to zero", drive.ramp_to_zero, ramp_s)
         return told
 
     async def stop(self, success: bool = True) -> None:
-        """Bring torque and speed to zero at the drive's own rates, without waiting for it."""
+        """Ramp torque and speed to zero at the drive's own rates, without waiting for the end."""
         del success
         await self._context.call(self._context.supervisor.unload, (self._side,))
 
     async def locate(self) -> Location[float]:
-        """Set point as commanded."""
+        """Commanded set point."""
         value = self._present()
         return Location(setpoint=value, readback=value)
 
 
 def slice_s(module: ModuleDescription, quantity: Quantity, rate: float) -> float:
-    """Return how far ahead a drive is commanded on a ramp, s: after a loss it goes no further.
+    """Return the duration of a ramp's slices, s, by which a drive is commanded ahead.
 
-    A slice is no longer than the drive's watchdog, and adds at most a tenth of the range if that
-    takes `SHORTEST_SLICE_S`.
+    After a loss of the connection, the drive stops at the end of a slice. A slice is at most as
+    long as the drive's watchdog time, and changes the set point by at most a tenth of the range
+    unless that takes less than `SHORTEST_SLICE_S`.
     """
     speed = module.limits.speed_rpm / RPM_PER_RAD_S
     most = SLICE_SHARE * (module.range_nm if quantity == "torque" else speed)
@@ -181,7 +182,7 @@ def slice_s(module: ModuleDescription, quantity: Quantity, rate: float) -> float
 
 
 class DriveSwitch(StandardReadable):
-    """Power of a drive: `set(True)` enables it at zero torque, `set(False)` takes it off."""
+    """Power of a drive: `set(True)` enables it at zero torque, `set(False)` disables it."""
 
     def __init__(self, context: BenchContext, side: Side) -> None:
         self._context = context
@@ -193,7 +194,7 @@ class DriveSwitch(StandardReadable):
 
     @AsyncStatus.wrap
     async def set(self, value: bool) -> None:
-        """Enable the drive at zero torque, or ramp to zero, disable it and read that back.
+        """Enable the drive at zero torque; or ramp to zero, disable it and read that back.
 
         Raises
         ------
@@ -202,7 +203,7 @@ class DriveSwitch(StandardReadable):
         SignalFault
             Enabling while this side's torque signal is missing.
         BenchError
-            The drive doesn't confirm that it has power, or has none any more; that is an alarm.
+            The drive doesn't confirm that it was switched on or off; that is an alarm.
         """
         context, side = self._context, self._side
         drive, commands = context.drivers.drives[side], context.commands.side(side)
@@ -221,17 +222,19 @@ class DriveSwitch(StandardReadable):
             return
         await context.clock.sleep(await context.call(context.supervisor.unload, (side,)))
         if context.supervisor.alarm is not None:
-            # the supervisor takes the power off when zero is read back; a drive that switches off
-            # earlier is an alarm
+            # the supervisor switches the power off when zero is read back; a drive that switches
+            # off earlier raises an alarm
             return
-        commands.off(context.clock.now())  # before: a drive that goes off by itself is an alarm
+        commands.off(
+            context.clock.now()
+        )  # recorded before: a drive that switches off by itself raises an alarm
         await self._take_off()
         alarm = await context.call(context.supervisor.read_off, (side,))
         if alarm is not None:
             raise alarm.error()
 
     def rehearse(self, planned: PlannedState, value: bool) -> float:
-        """Switch as planned, off after a ramp to zero; return how long it takes, s."""
+        """Switch in the planned state, off after a ramp to zero; return the duration, s."""
         side, lasts_s = self._side, 0.0
         if value:
             check_enable(planned, side)
@@ -245,7 +248,7 @@ class DriveSwitch(StandardReadable):
         try:
             await context.call(context.drivers.drives[side].disable)
         except BaseException:
-            context.commands.side(side).on()  # so that the supervisor continues watching it
+            context.commands.side(side).on()  # so that the supervisor continues to monitor it
             raise
 
 

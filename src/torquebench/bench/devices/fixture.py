@@ -24,7 +24,7 @@ __all__ = ["ClampDevice", "GuideRailDevice", "ModeDevice", "MountingDevice", "Se
 
 
 class ModeDevice(StandardReadable):
-    """Test mode of one side: `set("free" | "driven" | "locked")`, only without load."""
+    """Test mode of one side: `set("free" | "driven" | "locked")`; only without load."""
 
     def __init__(self, context: BenchContext, side: Side) -> None:
         self._context = context
@@ -43,13 +43,13 @@ class ModeDevice(StandardReadable):
         await context.call(context.drivers.modes.set_mode, self._side, value)
 
     def rehearse(self, planned: PlannedState, value: Mode) -> None:
-        """Change the planned mode."""
+        """Change the mode in the planned state."""
         check_mode_change(planned, self._side, value)
         planned.modes[self._side] = value
 
 
 class ClampDevice(StandardReadable):
-    """The hydraulic clamp: `set(True)` closes it, `set(False)` opens it, only without load."""
+    """The hydraulic clamp: `set(True)` closes it, `set(False)` opens it; only without load."""
 
     def __init__(self, context: BenchContext) -> None:
         self._context = context
@@ -65,13 +65,13 @@ class ClampDevice(StandardReadable):
         await context.call(context.drivers.clamp.set_clamped, value)
 
     def rehearse(self, planned: PlannedState, value: bool) -> None:
-        """Close or open the planned clamp."""
+        """Close or open the clamp in the planned state."""
         check_clamp(planned, value)
         planned.closed = value
 
 
 class GuideRailDevice(StandardReadable):
-    """The guide rail of the input module: `set("end" | "away")`, only with the clamp open."""
+    """The guide rail of the input module: `set("end" | "away")`; only with the clamp open."""
 
     def __init__(self, context: BenchContext) -> None:
         self._context = context
@@ -88,13 +88,13 @@ class GuideRailDevice(StandardReadable):
         await context.call(context.drivers.rail.move, value)
 
     def rehearse(self, planned: PlannedState, value: RailPosition) -> None:
-        """Move the planned rail."""
+        """Move the rail in the planned state."""
         check_rail(planned, value)
         planned.rail_position = value
 
 
 class MountingDevice(StandardReadable):
-    """Part between the flanges; `set` asks the operator to mount it, only with the clamp open.
+    """Part between the flanges: `set` asks the operator to mount it; only with the clamp open.
 
     `set("calibrator" | "verification_standard" | "reducer" | "nothing")`.
     """
@@ -107,24 +107,24 @@ class MountingDevice(StandardReadable):
 
     @AsyncStatus.wrap
     async def set(self, value: Mounting) -> None:
-        """Have this mounted. Raises InterlockError with a closed clamp or when declined."""
+        """Ask for this mounting. Raises InterlockError with a closed clamp or when declined."""
         context = self._context
         check_mounting(context.state, value)
         if value == context.state.mounted():
             return
         await context.call(context.drivers.operator.mount, value)
         context.acquisition.select_for(value)
-        # The first samples of the reference standard have arrived when this is done.
+        # When this is done, the first samples of the reference standard have arrived.
         await context.clock.sleep(context.description.counter.block_s)
 
     def rehearse(self, planned: PlannedState, value: Mounting) -> None:
-        """Have this mounted as planned."""
+        """Change the mounting in the planned state."""
         check_mounting(planned, value)
         planned.mounting = value
 
 
 class SeatDevice(StandardReadable):
-    """How the mounted standard sits: `set(Seating(...))` has the operator turn or re-seat it."""
+    """Seating of the mounted standard: `set(Seating(...))` asks to turn or re-seat it."""
 
     def __init__(self, context: BenchContext) -> None:
         self._context = context
@@ -136,7 +136,7 @@ class SeatDevice(StandardReadable):
 
     @AsyncStatus.wrap
     async def set(self, value: Seating) -> None:
-        """Have it seated again. Raises InterlockError with a closed clamp or when declined."""
+        """Ask for this seating. Raises InterlockError with a closed clamp or when declined."""
         context = self._context
         check_seating(context.state)
         await context.call(context.drivers.operator.seat, value)
@@ -146,5 +146,5 @@ class SeatDevice(StandardReadable):
         await context.clock.sleep(context.description.counter.block_s)
 
     def rehearse(self, planned: PlannedState, _value: Seating) -> None:
-        """Have it seated as planned."""
+        """Change nothing: the planned state has no seating."""
         check_seating(planned)

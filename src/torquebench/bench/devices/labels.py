@@ -1,4 +1,4 @@
-"""The stamp that says which point of which series an event belongs to."""
+"""The stamp that states the series and the point to which an event belongs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Point:
     series, step : int
         Number of the series, and of the step within it.
     branch : int
-        +1 where |torque| grows, −1 where it falls, 0 where that has no meaning.
+        +1 if |torque| grows, −1 if it falls, 0 if neither applies.
     nominal_nm : float
         Nominal torque of the step, N·m.
     position_deg : float
@@ -41,7 +41,7 @@ class Point:
 
 
 class PointLabel(Device, AsyncReadable, HasHints):
-    """Carries the present `Point` into every event that reads it.
+    """Device that adds the present `Point` to every event that reads it.
 
     `bps.abs_set(devices.point, Point(series=1, step=3, branch=1, nominal_nm=120.0))`, then read
     it together with the steady value. Data keys are `<name>-series` and so on (`key`).
@@ -53,7 +53,7 @@ class PointLabel(Device, AsyncReadable, HasHints):
         super().__init__(name=name)
 
     def key(self, field: str) -> str:
-        """Event data key of a field of `Point`.
+        """Return the event data key of a field of `Point`.
 
         Examples
         --------
@@ -84,5 +84,5 @@ class PointLabel(Device, AsyncReadable, HasHints):
 
     @property
     def hints(self) -> Hints:
-        """Fields worth plotting."""
+        """Fields that are worth plotting."""
         return {"fields": [self.key("nominal_nm")]}

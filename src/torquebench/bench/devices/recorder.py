@@ -1,4 +1,4 @@
-"""Angles and torques of both sides at the same times, over an interval of bench time."""
+"""Recorder of angles and torques of both sides at the same times."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["Recorder", "SynchronousRecording"]
 FloatArray = NDArray[np.float64]
 
 _LARGEST_JUMP_RAD: dict[Side, float] = {"input": 5e-3, "output": 5e-4}
-"""Largest change of a side's angle within one sample, beyond its present speed, rad."""
+"""Largest change of a side's angle within one sample beyond that by its present speed, rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +38,12 @@ class SynchronousRecording:
     Parameters
     ----------
     time_s : float64[n]
-        Bench time at which the torques acted (the transducers' group delay is taken out), s.
+        Bench time at which the torques acted (the transducers' group delay is subtracted), s.
     input_torque_nm, output_torque_nm : float64[n]
-        Compensated where the side has an active model, else the reading, N·m.
+        Compensated torque if the side has an active model, else the reading, N·m.
     input_parts, output_parts : TorqueParts
-        Standard uncertainty by the measuring chain, by what shares its errors; NaN without an
-        active one.
+        Standard uncertainty by the measuring chain, grouped by what shares the errors; NaN without
+        an active chain.
     input_inertia_nm, output_inertia_nm : float64[n]
         The chain's correction by the inertia between transducer and flange, which the torques
         contain, N·m.
@@ -63,7 +63,7 @@ class SynchronousRecording:
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Concatenate recordings; no part gives empty columns."""
+        """Concatenate recordings; without any, the columns are empty."""
 
         def column(name: str) -> Any:
             columns = [getattr(part, name) for part in parts]
@@ -87,7 +87,7 @@ class SynchronousRecording:
 
 
 class _SideTorque(NamedTuple):
-    """Torques of one side with their times, their uncertainty, and the inertia's part of them."""
+    """Torques of one side with their times, their uncertainty, and their correction by inertia."""
 
     time_s: FloatArray
     torque_nm: FloatArray
@@ -96,15 +96,16 @@ class _SideTorque(NamedTuple):
 
 
 class Recorder(Device, AsyncReadable, Triggerable):
-    """Records torques and angles of the bench from a mark on.
+    """Recorder of the bench's torques and angles over intervals.
 
-    `set("mark")` begins a stretch, `trigger()` ends it; `taken` and `angles` then hold its samples,
-    and the next stretch begins. `set("fine")` does the same, but torques are counted in windows of
-    `FINE_WINDOW_S`, which begin with the next block: have it a while before they matter. An
-    instrument with its own counter has fixed windows. `set("input")` or `set("output")` counts that
-    side and its side of the mounted standard in windows of `FAST_WINDOW_S`, as `fast`. The event
-    stores only start, end and number of samples. The run's raw stream has the bench's windows, but
-    no shorter ones: those are in the recording of a reducer test and the table of a turning run.
+    `set("mark")` begins an interval, `trigger()` ends it; `taken` and `angles` then hold its
+    samples, and the next interval begins. `set("fine")` does the same with windows of
+    `FINE_WINDOW_S` for the torques, which begin with the next block: set it a block earlier than
+    needed. An instrument with its own counter has fixed windows. `set("input")` or `set("output")`
+    counts that side and its side of the mounted standard in windows of `FAST_WINDOW_S`, as `fast`.
+    The event stores only start, end and number of samples. The run's raw stream has the bench's
+    windows, but no shorter ones: these are in the recording of a reducer test and the table of a
+    turning run.
     """
 
     def __init__(self, context: BenchContext, name: str = "recorder") -> None:
@@ -121,7 +122,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
 
     @AsyncStatus.wrap
     async def set(self, value: Literal["mark", "fine"] | Side) -> None:
-        """Begin a stretch now, counted in the bench's windows or in shorter ones."""
+        """Begin an interval now, in the bench's windows or in shorter ones."""
         self._fine = value == "fine" and self._window_s > FINE_WINDOW_S
         self._fast_side = value if value in SIDES else None
         self._count_finely()
@@ -147,12 +148,12 @@ class Recorder(Device, AsyncReadable, Triggerable):
 
     @AsyncStatus.wrap
     async def trigger(self) -> None:
-        """End the stretch now and take its samples.
+        """End the interval now, and keep its samples.
 
         Raises
         ------
         SignalFault
-            A torque has a fault, an encoder jumped, or the stretch is older than what is kept.
+            A torque has a fault, an encoder jumped, or the interval is older than the kept samples.
         InputError
             An effect of the measuring chain refuses a reading.
         """
@@ -175,12 +176,12 @@ class Recorder(Device, AsyncReadable, Triggerable):
         self._stamp_s = time.time()
 
     def _fast(self, side: Side, start_s: float, stop_s: float) -> Record:
-        """Return time, reading and standard's torque (N·m) in windows of `FAST_WINDOW_S`."""
+        """Return time, reading and the standard's torque (N·m) in windows of `FAST_WINDOW_S`."""
         expected = int((stop_s - start_s) / FAST_WINDOW_S) - 2
         records: list[Record] = []
         for name in self._fast_channels(side):
             channel = self._context.acquisition.channel(name)
-            # the last window of the stretch is complete only with the next block
+            # the interval's last window is complete only with the next block
             record = channel.fine_window(start_s - FAST_WINDOW_S, stop_s - FAST_WINDOW_S)
             if record is None or len(record) < expected:
                 raise SignalFault(
@@ -251,7 +252,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
         )
 
     def _fine_torque(self, side: Side, start_s: float, stop_s: float) -> _SideTorque | None:
-        """Return `_torque` from fine windows; None where some weren't counted."""
+        """Return `_torque` from fine windows; None if some weren't counted."""
         if not self._fine:
             return None
         channel = self._context.acquisition.channel(torque_channel(side))
@@ -345,7 +346,7 @@ def _window_angle(samples: Record, time_s: FloatArray, window_s: float) -> Float
 
 
 def _interpolated(time_s: FloatArray, at: FloatArray, values: FloatArray) -> FloatArray:
-    """Linear interpolation that continues straight beyond both ends (half a window at most)."""
+    """Interpolate linearly, and extrapolate beyond both ends (by half a window at most)."""
     inside = np.interp(time_s, at, values)
     if at.size < 2:
         return inside

@@ -20,14 +20,14 @@ __all__ = ["Encoder", "MeasuredZero", "Reference", "TemperatureProbes", "Transdu
 
 
 class MeasuredZero(NamedTuple):
-    """Signal of an unloaded transducer and the standard uncertainty of this zero, N·m."""
+    """Signal of an unloaded transducer, and the standard uncertainty of this zero, N·m."""
 
     signal: float
     standard_uncertainty_nm: float
 
 
 class Zero(StandardReadable):
-    """Zero of a transducer: `set(MeasuredZero(...))` takes one, `signal` is that in use."""
+    """Zero of a transducer: `set(MeasuredZero(...))` changes it, `signal` is the one in use."""
 
     def __init__(self, context: BenchContext, channel: str) -> None:
         self._context = context
@@ -40,7 +40,7 @@ class Zero(StandardReadable):
 
     @AsyncStatus.wrap
     async def set(self, value: MeasuredZero) -> None:
-        """Take this signal for zero torque.
+        """Use this signal as the zero.
 
         Raises
         ------

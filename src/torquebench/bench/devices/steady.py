@@ -30,7 +30,8 @@ FloatArray = NDArray[np.float64]
 
 LEAST_WINDOWS = 8
 SETTLING_SHARE = 0.6
-"""Refused readings in this first share of the windows may be those of a step that still settles."""
+"""Share of the windows, from the first one on, in which refused readings may come from a step that
+is still settling."""
 
 _ALWAYS = {
     "reading_nm": float,
@@ -45,7 +46,7 @@ _ALWAYS = {
     "time_s": float,
 }
 SIGNALS = ("frequency_hz", "signal", "standard_frequency_hz", "standard_signal")
-"""The transducers' own signals: a frequency, or a value in the unit that the bench describes."""
+"""The transducers' signals: a frequency, or a value in the unit that the description states."""
 _COMPENSATED = ("torque_nm", "torque_uncertainty_nm")
 _OF_STANDARD = (
     "standard_nm",
@@ -64,13 +65,13 @@ STEADY_FIELDS = (
 
 
 def signal_of(reading: Mapping[str, float], prefix: str = "") -> float | None:
-    """Return the signal of a steady value, of the standard with "standard_"; None without one."""
+    """Return the signal in a steady value (of the standard with "standard_"); None without one."""
     names = (f"{prefix}frequency_hz", f"{prefix}signal")
     return next((float(reading[name]) for name in names if name in reading), None)
 
 
 SETTINGS = {"settle_s": float, "window_s": float, "limit_s": float, "reference": bool}
-"""Those of `SteadySettings` that documents state."""
+"""Settings of `SteadySettings` that documents contain, with their types."""
 
 
 @dataclass(frozen=True)
@@ -85,12 +86,12 @@ class SteadySettings:
     window_s : float
         Length of the averaging window, s.
     limit_s : float
-        How much longer to wait for a window whose drift is within its own standard error and
-        that has no fault. After that the point is taken as it is and marked `settled = False`.
+        Longest additional time to wait for a window without a fault whose drift is within its
+        standard error. After that the value is used anyway, with `settled = False`.
     period_s : float or None
-        Period of a known ripple (one revolution); the mean is taken over whole periods.
+        Period of a known ripple (one revolution); the mean is over whole periods.
     reference : bool
-        Also take the mounted standard's torque over the same window.
+        Whether to read the mounted standard's torque over the same window.
 
     Raises
     ------
@@ -119,7 +120,7 @@ class SteadySettings:
 
 @dataclass(frozen=True)
 class _Evaluated:
-    """Steady value of one channel, and its mean signal under the column's name."""
+    """Steady value of one channel, with its mean signal under the name of its column."""
 
     steady: SteadyValue
     signal: float
@@ -136,11 +137,11 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     - always reading, zero, signal, set point, speed, temperature and bench time;
     - torque and its standard uncertainty by the whole chain, with an active model;
     - the standard's torque, signal and temperature, with `reference`;
-    - the true torque over what was settled, on a simulated bench.
+    - the true torque over the settled window, on a simulated bench.
 
-    A fault of the signal raises `SignalFault`: there is never a number without pulses. The
-    compensated torque is the steady value of the stream's torque, not a compensated reading;
-    `torque` keeps it with the components of its uncertainty.
+    A fault of the signal raises `SignalFault`, so that there is never a value without pulses. The
+    compensated torque is the steady value of the stream's torque, not a compensated steady reading;
+    `torque` holds it with the components of its uncertainty.
     """
 
     def __init__(self, context: BenchContext, side: Side, name: str = "") -> None:
@@ -160,7 +161,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
 
     @AsyncStatus.wrap
     async def prepare(self, value: SteadySettings) -> None:
-        """Set how the following values are taken."""
+        """Set the settings of the following values."""
         if value.reference:
             self._context.acquisition.channel_of_standard(self.side)
         self._settings = value
@@ -173,10 +174,10 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         Raises
         ------
         SignalFault
-            The reading or the standard has a fault that lasts longer than `limit_s`. One in the
-            last windows may pass: a window after it is taken.
+            The reading or the standard has a fault that lasts longer than `limit_s`. After a
+            shorter fault, a later window is used.
         TorquebenchError
-            The alarm that is latched.
+            An alarm is latched; the error is its cause.
         """
         context, settings = self._context, self._settings
         context.supervisor.raise_if_latched()
@@ -192,7 +193,9 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
                 values = self._evaluate(start_s, stop_s)
             except SignalFault:
                 if settings.limit_s > 0.0 and not faulty:
-                    last_s = max(last_s, stop_s)  # a fault that passes leaves a window without it
+                    last_s = max(
+                        last_s, stop_s
+                    )  # after a short fault, a window without it may follow
                 faulty = True
                 if start_s >= last_s:
                     raise
@@ -269,7 +272,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     def _steady_torque(self, active: ActiveChain, start_s: float, stop_s: float) -> Torque:
         """Return the steady value of the stream's torque.
 
-        It belongs to one loading. Its standard error replaces the noise of its windows where it is
+        It belongs to one loading. Its standard error replaces the noise of its windows if it is
         larger.
 
         Raises
@@ -277,7 +280,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         SignalFault
             A window wasn't compensated because the chain was activated later.
         InputError
-            An effect refuses readings, not only before the step has settled; it is named.
+            An effect refuses readings even after the step has settled; the message names it.
         """
         compensated = active.window(start_s, stop_s)
         least = self._least_windows(start_s, stop_s) - active.late_windows
@@ -343,7 +346,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         }
 
     async def describe(self) -> dict[str, DataKey]:
-        """Describe the fields that a value taken now would have."""
+        """Describe the fields of a value that would be measured now."""
         return {
             self.key(field): data_key(
                 f"bench://{self.side}/{field}", field, _ALWAYS.get(field, float)
@@ -378,7 +381,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         return None if standard is None else standard.temperature_probe
 
     async def read_configuration(self) -> dict[str, Reading]:
-        """Return how values are taken."""
+        """Return the settings of the values."""
         return {
             self.key(field): Reading(value=getattr(self._settings, field), timestamp=self._taken)
             for field in SETTINGS

@@ -1,9 +1,7 @@
 """Instruments behind narrow roles: `base` defines the roles, and each wire protocol has a file.
 
 `instruments` assembles a bench from its sections, `plugins` finds the protocols. `simulated` is the
-only file of the bench that uses the twin.
-
-`simulated` is the only file of the bench that knows the twin.
+only module of this package that uses the twin.
 """
 
 from __future__ import annotations
@@ -19,7 +17,9 @@ __all__ = ["DRIVERS", "open_drivers"]
 
 
 def _simulated(description: BenchDescription) -> DriverSet:
-    from torquebench.bench.drivers.simulated.driver import open_simulated  # imports the twin
+    from torquebench.bench.drivers.simulated.driver import (
+        open_simulated,
+    )  # imported late, because it imports the twin
 
     return open_simulated(description)
 
@@ -59,7 +59,7 @@ def open_drivers(description: BenchDescription) -> DriverSet:
 
 
 def _whole_bench(name: str) -> Callable[[BenchDescription], DriverSet] | None:
-    """Return how a plug-in opens a whole bench; None if no plug-in has this name."""
+    """Return the function by which a plug-in opens a whole bench; None without such a plug-in."""
     from torquebench.bench.drivers.plugins import find_plugin, protocols
 
     return find_plugin(name, "bench.driver").bench if name in protocols() else None

@@ -1,4 +1,4 @@
-"""Amplifiers and displays that state a value when asked: as a bench's counter, or as a standard."""
+"""Amplifiers and displays that are polled, as a bench's counter or as a standard's read-out."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ __all__ = [
 ChannelName = Literal["input_torque", "output_torque", "input_reference", "output_reference"]
 SHORTEST_ANSWER_S = 0.05
 TRIALS = 25
-"""Number of questions by which the time of an answer is learned."""
+"""Number of trial requests from which the response time is estimated."""
 
 
 class AmplifierOptions(Options):
-    """Keys of every amplifier: its channels, and how often it is asked as a standard."""
+    """Keys of every amplifier: its channels, and the polling period of a standard."""
 
     channels: Mapping[ChannelName, Any] = Field(min_length=1)
     period_s: Annotated[float, Field(ge=0.005, le=1.0, description="s")] = 0.05
@@ -48,20 +48,20 @@ class AmplifierOptions(Options):
 
 
 class Amplifier(Protocol):
-    """States the values of all its channels at once."""
+    """An amplifier that returns the values of all its channels at once."""
 
     def identity(self, role: str) -> Identity:
-        """Ask for its identity."""
+        """Request its identity."""
 
     def values(self) -> Mapping[str, float]:
-        """Ask for the present values by bench channel; NaN where it has no valid one."""
+        """Request the present values by bench channel; NaN for a channel without a valid value."""
 
     def close(self) -> None:
         """Release it. A second call does nothing."""
 
 
 def answer_s(request: InstrumentRequest, described_s: float | None) -> float:
-    """Return the time limit of an answer: that in which a lost signal is to be noticed."""
+    """Return the time-out of an answer: the time in which a lost signal must be noticed."""
     if described_s is not None:
         return described_s
     window_s, loss_s = (
@@ -72,11 +72,10 @@ def answer_s(request: InstrumentRequest, described_s: float | None) -> float:
 
 
 class AmplifierCounter(DescribedCounter):
-    """An amplifier that is asked once in the middle of each window, by the computer's clock.
+    """An amplifier that is polled once in the middle of each window, by the computer's clock.
 
-    A value has the time at which it was asked for. It takes the counter's place on a bench whose
-    modules state torque, voltage or mV/V. A window whose time has passed before it could be asked
-    for is lost.
+    A value has the time of its request. The amplifier replaces the counter on a bench whose modules
+    deliver torque, voltage or mV/V. A window that is over before its request could be sent is lost.
 
     Parameters
     ----------
@@ -102,7 +101,7 @@ class AmplifierCounter(DescribedCounter):
         self._windows = 0
         self._window_s = self._counting.window_s
         least_s = math.inf
-        for _ in range(TRIALS):  # an answer takes longer where this computer is busy
+        for _ in range(TRIALS):  # an answer takes longer if this computer is busy
             asked_s = time.monotonic()
             amplifier.values()
             least_s = min(least_s, time.monotonic() - asked_s)
@@ -117,11 +116,11 @@ class AmplifierCounter(DescribedCounter):
 
     @property
     def shortest_read_s(self) -> float:
-        """A block is read whole."""
+        """A block is read as a whole."""
         return self._counting.block_s
 
     def identity(self) -> Identity:
-        """Ask for the identity of the amplifier."""
+        """Request the identity of the amplifier."""
         return self._amplifier.identity("counter")
 
     def select(self, channels: frozenset[str]) -> None:
@@ -130,7 +129,7 @@ class AmplifierCounter(DescribedCounter):
         self._selected = channels
 
     def read_block(self, duration_s: float) -> Block:
-        """Ask in the middle of each window of the block."""
+        """Poll the amplifier in the middle of each window of the block."""
         if self._begun_s is None:
             self._begun_s = time.monotonic()
         count = max(1, round(duration_s / self._window_s))
@@ -142,7 +141,7 @@ class AmplifierCounter(DescribedCounter):
             ahead_s = self._begun_s + time_s[row] - time.monotonic()
             if ahead_s > 0.0:
                 time.sleep(ahead_s)
-            # at most until the next window is due, or the block ends
+            # at most until the next window is due or the block ends
             latest_s = time_s[row] + self._window_s * (1.0 if row + 1 < count else 0.5)
             if time.monotonic() - self._begun_s > latest_s:
                 continue
@@ -166,7 +165,7 @@ class AmplifierCounter(DescribedCounter):
 
 
 class AmplifierReadout:
-    """An amplifier of the mounted standard, asked every `period_s` by a thread of its own.
+    """An amplifier of the mounted standard, polled every `period_s` in a thread of its own.
 
     Parameters
     ----------
@@ -201,23 +200,23 @@ class AmplifierReadout:
                 for side in SIDES:
                     if not self._kept[side]:
                         self._lost[side] += late
-                    else:  # within an answer: repeated as no signal
+                    else:  # while a request is pending, the last sample is repeated as no signal
                         self._kept[side] += [float("nan")] * late
                     self._kept[side].append(stated.get(reference_channel(side), float("nan")))
             number += late + 1
 
     def identity(self) -> Identity:
-        """Ask for the identity of the amplifier."""
+        """Request the identity of the amplifier."""
         return self._amplifier.identity("reference")
 
     def read(self, side: Side, until_s: float, timed_s: float) -> Record:
-        """Return the samples since the last call; raises `BenchError` if it didn't answer."""
+        """Return the samples since the last call; raises `BenchError` without an answer."""
         with self._lock:
             failure, self._failure = self._failure, None
             kept, self._kept[side] = self._kept[side], []
             lost, self._lost[side] = self._lost[side], 0
         if self._ending.is_set():
-            self._amplifier.values()  # a closed one refuses
+            self._amplifier.values()  # a closed amplifier refuses requests
         if failure is not None:
             raise failure
         return self._clocks[side].take(np.array(kept), until_s, timed_s, lost)
@@ -230,7 +229,7 @@ class AmplifierReadout:
 
 
 def opened(amplifier: Amplifier, request: InstrumentRequest, options: AmplifierOptions) -> Any:
-    """Return an amplifier in the role that is requested; it is closed if that fails."""
+    """Return an amplifier in the requested role; it is closed if that fails."""
     with contextlib.ExitStack() as kept:
         kept.callback(amplifier.close)
         if request.role == "counter":

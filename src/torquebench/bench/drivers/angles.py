@@ -1,4 +1,4 @@
-"""Encoders that the counter doesn't time: positions that are polled between its blocks."""
+"""Encoders that the counter doesn't time: their positions are polled between its blocks."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from torquebench.signals import Record
 __all__ = ["AngleSource", "CounterWithAngles", "DriveAngles", "unwrapped", "with_angles"]
 
 POLLS = 2
-"""Positions a block: the fewest that give a speed. Each ends a part of the block."""
+"""Number of polls in a block, one at the end of each part: the fewest that give a speed."""
 
 
 class AngleSource(Protocol):
-    """States the angles of both sides when asked."""
+    """A source of the angles of both sides, to be polled."""
 
     def counts(self) -> Mapping[Side, int]:
-        """Ask for the encoder counts of each side now, unwrapped, clockwise positive."""
+        """Request the present encoder counts of each side, unwrapped, clockwise positive."""
 
     def close(self) -> None:
         """Release it. A second call does nothing."""
@@ -33,11 +33,11 @@ class AngleSource(Protocol):
 
 @dataclass
 class CounterWithAngles:
-    """A counter without encoder inputs, and the source of the angles.
+    """A counter without encoder inputs, combined with a source of angles.
 
-    A block is read in `POLLS` parts and the position polled at the end of each: its time is known
-    as well as the poll is quick, some milliseconds. That is enough for standstill, speed limits
-    and friction, not for transmission error.
+    A block is read in `POLLS` parts, and the positions are polled at the end of each part. Their
+    times are known to the duration of a poll, some milliseconds. That is enough for standstill,
+    speed limits and friction, but not for transmission error.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class CounterWithAngles:
 
     @property
     def shortest_read_s(self) -> float:
-        """A block is read whole: half of it ends at each poll."""
+        """A block is read as a whole, because half of it ends at each poll."""
         return float("inf")
 
     @property
@@ -63,7 +63,7 @@ class CounterWithAngles:
 
     @property
     def clock_identity(self) -> str:
-        """Which clock counts."""
+        """Identity of the clock that counts."""
         return self.counter.clock_identity
 
     def identity(self) -> Identity:
@@ -100,7 +100,7 @@ class CounterWithAngles:
 
 
 def unwrapped(word: int, before: int | None) -> int:
-    """Return the counts of a 32-bit position that continues those before.
+    """Return the counts of a 32-bit position, unwrapped to continue the earlier counts.
 
     Examples
     --------
@@ -113,12 +113,12 @@ def unwrapped(word: int, before: int | None) -> int:
 
 
 class DriveAngles:
-    """The positions that the drives' own encoders state, clockwise positive at the shaft.
+    """Positions from the drives' own encoders, clockwise positive at the shaft.
 
     Parameters
     ----------
     drives : mapping of side to Drive
-        Each states `position_counts`.
+        Drives that have `position_counts`.
 
     Raises
     ------
@@ -130,7 +130,7 @@ class DriveAngles:
         self._drives: Mapping[Side, Any] = drives
         self._position: dict[Side, int] = {}
         for side, drive in drives.items():
-            motor = getattr(drive, "drive", drive)  # behind a gear
+            motor = getattr(drive, "drive", drive)  # of the drive behind a gear
             if not hasattr(motor, "position_counts"):
                 raise InputError(
                     Message("driver.{side}_drive states no position", side),
@@ -139,16 +139,16 @@ class DriveAngles:
                 )
 
     def counts(self) -> Mapping[Side, int]:
-        """Ask both drives; the wrapping of 32 bits is undone."""
+        """Request both drives' positions, and unwrap their 32 bits."""
         for side, drive in self._drives.items():
             word = drive.position_counts()
             self._position[side] = unwrapped(word, self._position.get(side))
         return dict(self._position)
 
     def close(self) -> None:
-        """Do nothing: the drives are closed by those who opened them."""
+        """Do nothing: the caller closes the drives."""
 
 
 def with_angles(counter: CounterCard, source: AngleSource, window_s: float) -> CounterWithAngles:
-    """Return a counter card that takes its angles from another source."""
+    """Return a counter card with angles from another source."""
     return CounterWithAngles(counter, source, window_s)

@@ -1,8 +1,8 @@
 """Roles of instruments: one narrow interface each, independent of any wire protocol.
 
 A driver serves one or several roles and is chosen by `bench.toml`. Every method may be called from
-any thread and may block for as long as its wire needs; `DriverSet.blocking` says whether callers on
-an event loop have to move such calls to a thread. A method that fails raises
+any thread and may block for as long as its connection needs; `DriverSet.blocking` says whether
+callers on an event loop have to move such calls to a thread. A method that fails raises
 `torquebench.errors.BenchError` with the instrument, its answer and what to do.
 """
 
@@ -82,7 +82,7 @@ class Identity:
 
 @runtime_checkable
 class Identified(Protocol):
-    """An instrument that states its identity; counters, drives and read-outs always do."""
+    """An instrument that can report its identity; counters, drives and read-outs always can."""
 
     def identity(self) -> Identity:
         """Read the identity of the instrument."""
@@ -90,7 +90,7 @@ class Identified(Protocol):
 
 @runtime_checkable
 class CounterCard(Protocol):
-    """Times the edges of the torque transducers and the encoders by one clock."""
+    """A counter that times the edges of torque transducers and encoders by one clock."""
 
     @property
     def timebase_hz(self) -> float:
@@ -98,21 +98,21 @@ class CounterCard(Protocol):
 
     @property
     def clock_identity(self) -> str:
-        """The timebase: calibration and measurement must use the same one."""
+        """Identity of the timebase: calibration and measurement must use the same one."""
 
     def identity(self) -> Identity:
         """Read the identity of the instrument."""
 
     def select(self, channels: frozenset[str]) -> None:
-        """Time only these channels from the next block on; the others cost nothing."""
+        """Time only these channels from the next block on; other channels cost nothing."""
 
     def read_block(self, duration_s: float) -> Block:
         """Return the next `duration_s` of edges and angles without a gap to the block before.
 
-        A selected channel without pulses has an entry without edges: the signal path reports the
+        A selected channel without pulses has an entry without edges; the evaluation reports the
         fault. An instrument that counts by itself delivers records of frequencies instead of edges,
-        one row a window; an amplifier delivers records with `time_s` and `signal`.
-        Real counters block until the time has passed; simulated ones compute it.
+        one row a window; an amplifier delivers records with `time_s` and `signal`. Real counters
+        block until the time has passed; simulated ones compute it.
         """
 
     def close(self) -> None:
@@ -123,9 +123,9 @@ class CounterCard(Protocol):
 class DriveState:
     """The state that a drive reports.
 
-    `torque_nm` and `speed_rad_s` are the active set points, `None` where the drive doesn't
-    follow that quantity; `limited` states that a limit of the drive keeps it from its set point,
-    `remote` that it takes commands of the bus.
+    `torque_nm` and `speed_rad_s` are the active set points, `None` for a quantity that the drive
+    doesn't control; `limited` states that a limit of the drive keeps it from its set point,
+    `remote` that it accepts commands from the bus.
     """
 
     enabled: bool
@@ -158,25 +158,25 @@ class Drive(Protocol):
         """Power the motor at zero torque and zero speed."""
 
     def disable(self) -> None:
-        """Take the power off the motor."""
+        """Switch off the motor's power."""
 
     def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
-        """Go to a torque at a limited rate and keep it. Clockwise is positive."""
+        """Ramp to a torque at a limited rate and keep it. Clockwise is positive."""
 
     def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
-        """Go to a speed at a limited rate and keep it. Clockwise is positive."""
+        """Ramp to a speed at a limited rate and keep it. Clockwise is positive."""
 
     def ramp_to_zero(self, duration_s: float) -> None:
-        """Bring torque and speed to zero within `duration_s`, whatever was commanded before.
+        """Ramp torque and speed to zero within `duration_s`, whatever was commanded before.
 
-        The drive does this by itself, so that it happens even if this computer hangs.
+        The drive ramps by itself, even if this computer hangs.
         """
 
     def feed_watchdog(self) -> None:
-        """Tell the drive that the supervisor lives. Unfed, it ramps to zero and disables."""
+        """Reset the drive's watchdog. Without this, the drive ramps to zero and disables itself."""
 
     def state(self) -> DriveState:
-        """Ask for the active set points and the fault state."""
+        """Request the active set points and the fault state."""
 
     def close(self) -> None:
         """Release the drive. A second call does nothing."""
@@ -189,14 +189,14 @@ CLOCKS_APART_S = 0.1
 
 @runtime_checkable
 class ReferenceReadout(Protocol):
-    """A standard that states torque itself (an amplifier on a bus) instead of sending edges.
+    """A standard that delivers torque values (an amplifier on a bus) instead of edges.
 
-    Where a bench has none, the reference transducers are wired to the counter card.
+    On a bench without a read-out, the reference transducers are wired to the counter card.
     """
 
     @property
     def period_s(self) -> float:
-        """It states a torque so often, s; 0 where that isn't known yet."""
+        """Period of its values, s; 0 while it is unknown."""
 
     def identity(self) -> Identity:
         """Read the identity of the read-out."""
@@ -205,9 +205,9 @@ class ReferenceReadout(Protocol):
         """Return the samples since the last call up to bench time `until_s`, none later.
 
         The columns are `time_s` and `signal` (N·m, or as the transducer's `signal` is described),
-        NaN where there is none. A sample whose time
-        isn't known yet may come with a later call. `timed_s` is the bench time that has passed at
-        least: later than `until_s` if the computer lags behind the counter.
+        NaN without a signal. A sample whose time isn't known yet may come with a later call.
+        `timed_s` is the bench time that has passed at least: it is later than `until_s` if the
+        computer lags behind the counter.
         """
 
     def close(self) -> None:
@@ -219,10 +219,10 @@ class ModeConverter(Protocol):
     """The test-mode conversion of both modules: free, driven or locked."""
 
     def set_mode(self, side: Side, mode: Mode) -> None:
-        """Change the mode of one side and return when it is reached."""
+        """Change the mode of one side, and return when it is reached."""
 
     def mode(self, side: Side) -> Mode:
-        """Ask for the present mode of one side."""
+        """Request the present mode of one side."""
 
 
 @runtime_checkable
@@ -230,10 +230,10 @@ class Clamp(Protocol):
     """The hydraulic clamp between the standard flanges."""
 
     def set_clamped(self, clamped: bool) -> None:
-        """Close or open the clamp and return when it is reached."""
+        """Close or open the clamp, and return when that is reached."""
 
     def clamped(self) -> bool:
-        """Ask whether the clamp is closed and under pressure."""
+        """Return whether the clamp is closed and under pressure."""
 
 
 @runtime_checkable
@@ -241,10 +241,10 @@ class GuideRail(Protocol):
     """The guide rail that carries the input module."""
 
     def move(self, position: RailPosition) -> None:
-        """Move to "end" or "away" and return when it is there."""
+        """Move to "end" or "away", and return when the rail is there."""
 
     def position(self) -> RailPosition:
-        """Ask where it is."""
+        """Request the rail's position."""
 
 
 @runtime_checkable
@@ -252,7 +252,7 @@ class PowerSupply(Protocol):
     """The drives' power supply."""
 
     def supplies(self) -> bool:
-        """Ask whether it is on."""
+        """Return whether the supply is on."""
 
 
 @runtime_checkable
@@ -265,10 +265,10 @@ class Temperature(Protocol):
 
 @runtime_checkable
 class OperatorPrompts(Protocol):
-    """Manual operations of a person, or of a simulated one."""
+    """Manual operations by a person or by a simulated operator."""
 
     def mount(self, mounting: Mounting) -> None:
-        """Have this put between the flanges; return when it is confirmed.
+        """Ask for this part between the flanges; return when it is confirmed.
 
         Raises
         ------
@@ -277,10 +277,10 @@ class OperatorPrompts(Protocol):
         """
 
     def mounted(self) -> Mounting:
-        """Return the mounting between the flanges, by the last confirmation."""
+        """Return the part between the flanges, by the last confirmation."""
 
     def seat(self, seating: Seating) -> None:
-        """Request that the mounted part is turned or seated again; return when it is confirmed.
+        """Ask to turn or re-seat the mounted part; return when it is confirmed.
 
         Raises
         ------
@@ -294,17 +294,17 @@ class OperatorPrompts(Protocol):
 
 @runtime_checkable
 class TrueTorqueSource(Protocol):
-    """The torque that really acts on the flange. Only a simulated bench can know it."""
+    """The torque that really acts on the flange, which only a simulated bench can know."""
 
     def true_torque(self, side: Side, start_s: float, stop_s: float) -> float:
-        """Mean true torque at the flange over a time window, N·m."""
+        """Return the mean true torque at the flange over a time window, N·m."""
 
     def dense_sweep(
         self, side: Side, true_torque_nm: NDArray[np.float64], *, alone: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
-        """Noise-free readings (N·m) along a path of true torques, and the branch of each point.
+        """Return noise-free readings (N·m) along a path of true torques, and their branches.
 
-        `alone`: with nothing between transducer and flange, as a laboratory calibrates it.
+        `alone`: the transducer by itself, as a laboratory calibrates it.
         """
 
     def mounting(self) -> Mapping[str, float | str]:
@@ -329,21 +329,23 @@ class DriverSet:
     certificates: Mapping[Mounting, Mapping[Side, ReferenceCertificate]] = field(
         default_factory=dict
     )
-    """Certificates that the instruments supply; files of the description take precedence."""
+    """Certificates that the instruments supply; files in the description take precedence."""
     encoder_certificates: Mapping[Side, EncoderCertificate] = field(default_factory=dict)
-    """Certificates of the encoders, likewise."""
+    """Certificates of the encoders; files in the description take precedence."""
     reducer_certificate: tuple[CertifiedFriction, ...] = ()
     """Certified no-load friction of a standard reducer that comes with the bench."""
     hold: Callable[[ReducerDescription | None, str], None] | None = None
-    """Mounts a reducer of a type and serial number on a simulated bench, or its own one again."""
+    """Mounts a reducer by type and serial number on a simulated bench; None mounts the bench's
+    own."""
     simulated_time: bool = False
-    """Whether `read_block` computes instead of waiting for time to pass."""
+    """Whether `read_block` computes the block instead of waiting for time to pass."""
     blocking: bool = True
-    """Whether commands may block for longer than an event loop should."""
+    """Whether commands may block for longer than an event loop allows."""
     shortest_read_s: float = 0.0
-    """Shortest block that the counter can deliver, s: the supervisor's shortest check interval."""
+    """Shortest block that the counter can deliver, s, and so the supervisor's shortest check
+    interval."""
     resources: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
-    """Other resources that are closed with the instruments."""
+    """Other resources to be closed with the instruments."""
 
     def identities(self) -> list[Identity]:
         """Read the identity of every instrument."""
@@ -357,7 +359,7 @@ class DriverSet:
         return asked
 
     def close(self) -> None:
-        """Release every instrument, also when one of them fails to."""
+        """Release every instrument, even if one of them fails to close."""
         with contextlib.ExitStack() as closing:
             closing.push(self.resources.pop_all())
             closing.callback(self.counter.close)

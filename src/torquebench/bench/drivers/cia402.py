@@ -1,7 +1,7 @@
 """A CiA 402 servo drive over CANopen (`canopen`): profile torque and profile velocity.
 
-The drive runs its ramps and its heartbeat consumer by itself. `cia402.eds` lists all objects that
-are used.
+The drive executes its ramps and monitors this computer's heartbeat by itself. `cia402.eds` lists
+all objects in use.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ OPERATIONAL = 5
 LARGEST_SLOPE = 2**31 - 1
 HEARTBEAT_ERRORS = (0x8130, 0x8110, 0x8120)
 REMOTE, INTERNAL_LIMIT = 0x0200, 0x0800
-"""Bits of the statusword: the drive takes commands of the bus; a limit of its own acts."""
+"""Bits of the statusword: the drive accepts commands from the bus; one of its own limits acts."""
 TIMED_OUT, NOT_IN_THIS_STATE = 0x05040000, 0x08000022
 ABSENT = (0x06020000, 0x06090011)
 """Abort codes: no answer; refused in the present state; no such object or subindex."""
@@ -87,7 +87,7 @@ class _Refusal(BenchError):  # noqa: N818 - the drive's answer, not a defect of 
 
 
 class BusOptions(Options):
-    """A CAN bus as python-can opens it; further keys of the interface are passed on."""
+    """Options of a CAN bus in python-can; further keys of the interface are passed on."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
@@ -140,7 +140,7 @@ class CanopenLink(Link[Any]):
         self._dictionary = load_dictionary()
 
     def _open(self) -> Any:
-        if self.reconnects:  # a late answer is delivered to every reader on the bus
+        if self.reconnects:  # a late answer would reach every reader on the bus
             time.sleep(self.timeout_s)
         network = self._canopen.Network(self._open_bus())
         network.NOTIFIER_CYCLE = 0.05
@@ -165,7 +165,7 @@ class CanopenLink(Link[Any]):
         connection.disconnect()
 
     def exchange(self, ask: Callable[[Any, Any], Result], what: str) -> Result:
-        """Ask something of the network and its node; `what` names that in messages."""
+        """Communicate with the network and its node; `what` names the request in messages."""
         aborted, garbled = self._canopen.SdoAbortedError, self._canopen.SdoCommunicationError
         malformed = (
             self._canopen.ObjectDictionaryError,
@@ -254,7 +254,7 @@ class CanopenLink(Link[Any]):
         )
 
     def start_node(self) -> None:
-        """Bring the node to the NMT state operational."""
+        """Set the node to the NMT state operational."""
 
         def ask(network: Any, node: Any) -> None:
             del network
@@ -263,7 +263,7 @@ class CanopenLink(Link[Any]):
         self.exchange(ask, "to start the node")
 
     def emergency(self) -> str:
-        """Return the last emergency message (EMCY) that the drive hasn't reset; empty if none."""
+        """Return the last emergency message (EMCY) that wasn't reset; empty without one."""
 
         def ask(network: Any, node: Any) -> str:
             del network
@@ -276,8 +276,8 @@ class CanopenLink(Link[Any]):
 class Cia402Drive:
     """A servo drive after CiA 402 with profile torque and profile velocity.
 
-    Torques are in thousandths of the motor's rated torque (object 0x6076), so they are rounded to
-    that resolution. Either torque or speed is followed, never both.
+    Torques are rounded to thousandths of the motor's rated torque (object 0x6076). The drive
+    controls either torque or speed, never both.
 
     Parameters
     ----------
@@ -306,7 +306,7 @@ class Cia402Drive:
         self._maximum_rad_s = link.read(MAXIMUM_SPEED) / RPM_PER_RAD_S
 
     def identity(self) -> Identity:
-        """Read identity and reactions of the drive; what CiA 301 leaves optional may be missing."""
+        """Read identity and reactions of the drive; objects optional in CiA 301 may be missing."""
         link = self._link
         vendor = link.read(IDENTITY, 1)
         product, revision, serial = (link.read_optional(IDENTITY, sub) for sub in (2, 3, 4))
@@ -326,7 +326,7 @@ class Cia402Drive:
         )
 
     def limits(self) -> DriveLimits:
-        """Return the limits of objects 0x6072 and 0x6080."""
+        """Return the limits in objects 0x6072 and 0x6080."""
         return DriveLimits(self._maximum_nm, self._maximum_rad_s)
 
     # -- state machine ----------------------------------------------------------------------
@@ -336,7 +336,7 @@ class Cia402Drive:
         return next((name for mask, value, name in STATES if word & mask == value), "unknown")
 
     def _write(self, index: int, value: int, subindex: int = 0) -> None:
-        """Write an object; again where the drive isn't in a state for that yet."""
+        """Write an object; repeat if the drive's state doesn't allow it yet."""
         deadline = time.monotonic() + self._options.switching_s
         while True:
             try:
@@ -348,12 +348,12 @@ class Cia402Drive:
             time.sleep(POLL_S)
 
     def _switch(self, controlword: int, wanted: str) -> None:
-        """Write a controlword and wait until its state is reached."""
+        """Write a controlword, and wait for the resulting state."""
         self._write(CONTROLWORD, controlword)
         self._await_state(lambda status: status == wanted, wanted, controlword != FAULT_RESET)
 
     def _await_state(self, reached: Callable[[str], bool], wanted: str, refuses: bool) -> str:
-        """Wait for a state and send heartbeats meanwhile, as the drive may expect them already."""
+        """Wait for a state; send heartbeats meanwhile, since the drive may already expect them."""
         deadline = time.monotonic() + self._options.switching_s
         while not reached(status := self._status(word := self._link.read(STATUSWORD))):
             if time.monotonic() > deadline or (refuses and status == "fault"):
@@ -376,7 +376,7 @@ class Cia402Drive:
         return status
 
     def _reason(self, status: str, word: int = REMOTE) -> str:
-        """Return what the drive states about a fault, or that it doesn't obey the bus."""
+        """Return the drive's reported fault, or that it doesn't accept the bus's commands."""
         if "fault" not in status:
             return "" if word & REMOTE else ": local control, its remote bit is 0"
         code = self._link.read_optional(ERROR_CODE)
@@ -397,7 +397,7 @@ class Cia402Drive:
         return Message(": error 0x{code:04X}", code)
 
     def enable(self) -> None:
-        """Reset a fault, arm the heartbeat consumer, go to operation enabled at zero torque."""
+        """Reset a fault, start the heartbeat monitoring, and enable operation at zero torque."""
         link = self._link
         link.start_node()
         link.beat()
@@ -419,7 +419,7 @@ class Cia402Drive:
         self._switch(ENABLE_OPERATION, "operation enabled")
 
     def disable(self) -> None:
-        """Take the power off the motor."""
+        """Switch off the motor's power."""
         self._link.write(CONTROLWORD, DISABLE_VOLTAGE)
 
     def _set_mode(self, mode: int) -> None:
@@ -457,8 +457,7 @@ class Cia402Drive:
         """Go to a torque at a limited rate and keep it."""
         check_drive_order(self._link.name, torque_nm, ramp_nm_per_s, self._maximum_nm, "N·m")
         self._check_enabled()
-        # Set the target before the mode: the drive follows its present target as soon as the mode
-        # changes.
+        # Set the target before the mode: the drive follows its target as soon as the mode changes.
         self._write(TORQUE_SLOPE, self._slope(ramp_nm_per_s))
         self._write(TARGET_TORQUE, round(1e3 * torque_nm / self._rated_nm))
         self._set_mode(PROFILE_TORQUE)
@@ -476,13 +475,13 @@ class Cia402Drive:
         self._set_mode(PROFILE_VELOCITY)
 
     def quick_stop(self) -> None:
-        """Stop the drive with its quick-stop ramp; it stays in quick stop."""
+        """Stop the drive with its quick-stop ramp; it stays in the state quick stop."""
         self._link.write(CONTROLWORD, QUICK_STOP)
 
     def ramp_to_zero(self, duration_s: float) -> None:
-        """Have the drive bring torque or speed to zero by itself.
+        """Make the drive ramp torque or speed to zero by itself.
 
-        One that refuses its ramp or its set point is stopped by its quick stop.
+        A drive that refuses the ramp or the set point is stopped by its quick stop.
         """
         try:
             self._ramp_to_zero(duration_s)
@@ -509,11 +508,11 @@ class Cia402Drive:
         return round(speed_rad_s * RPM_PER_RAD_S * self._options.velocity_units_per_rpm)
 
     def feed_watchdog(self) -> None:
-        """Send the heartbeat that the drive watches."""
+        """Send the heartbeat that the drive monitors."""
         self._link.beat()
 
     def state(self) -> DriveState:
-        """Ask for the set point of the active mode and the fault state."""
+        """Request the set point of the active mode and the fault state."""
         word = self._link.read(STATUSWORD)
         status = self._status(word)
         mode = self._link.read(MODE_DISPLAY)
@@ -535,7 +534,7 @@ class Cia402Drive:
         )
 
     def position_counts(self) -> int:
-        """Ask for the position of its encoder, 32 bits."""
+        """Request the position of the drive's encoder, 32 bits."""
         return int(self._link.read(POSITION))
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""What counters have in common: timebase, channels and frequencies."""
+"""Common base of counters: timebase, channels and frequencies."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LONGEST_SAID = 160
 
 
 class DescribedCounter:
-    """A counter whose clock is the described one and whose channels its options name.
+    """A counter whose clock is the described one, and whose options name its channels.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class DescribedCounter:
     Raises
     ------
     InputError
-        A module's own torque isn't among them.
+        The torque channel of a module is missing.
     """
 
     def __init__(self, counting: CounterDescription, channels: Iterable[str]) -> None:
@@ -51,12 +51,12 @@ class DescribedCounter:
 
     @property
     def timebase_hz(self) -> float:
-        """Nominal frequency of the clock as described, Hz."""
+        """Nominal frequency of the described clock, Hz."""
         return self._counting.timebase_hz
 
     @property
     def clock_identity(self) -> str:
-        """Serial number that the instrument states, and its clock as described."""
+        """Serial number from the instrument, and the described clock."""
         return f"{self._serial}/{self._counting.clock}"
 
     def _check_served(self, channels: frozenset[str]) -> None:
@@ -70,7 +70,7 @@ class DescribedCounter:
 
 
 class LibraryCounter(DescribedCounter):
-    """A counter with a vendor's library, whose errors become torquebench errors.
+    """A counter behind a vendor's library, whose errors become torquebench errors.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def counted(
     frequency_hz: NDArray[np.float64],
     standard_uncertainty_hz: NDArray[np.float64] | float,
 ) -> Record:
-    """Return frequencies counted by an instrument as windows; 0 Hz and NaN mean silence."""
+    """Return frequencies from an instrument as windows; 0 Hz and NaN count as no signal."""
     silent = ~(frequency_hz > 0.0)
     return Record(
         {

@@ -1,10 +1,10 @@
 """Counters of NI-DAQmx hardware: every edge of the torque transducers, and both encoders.
 
-`nidaqmx` talks to the local driver, or over gRPC to an NI gRPC Device Server. One counter a
-transducer measures periods in ticks of the timebase (buffered, without gaps); their sum is the
-time of each edge. One counter an encoder counts its position at the sample clock, which a further
-counter makes from the same timebase. The sample clock's first pulse arms all of them, so all share
-one time axis.
+`nidaqmx` uses the local driver, or over gRPC an NI gRPC Device Server. One counter per transducer
+measures periods in ticks of the timebase (buffered, without gaps); their sum is the time of each
+edge. One counter per encoder counts its position at the sample clock, which another counter derives
+from the same timebase. The sample clock's first pulse arms all counters, so that they share one
+time axis.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from torquebench.signals import EdgeBlock, Record
 __all__ = ["PLUGIN", "DaqmxCounter", "DaqmxOptions"]
 
 BUFFER_S = 20.0
-"""Buffer of the counter, s: a computer that stands for less loses nothing."""
+"""Duration of the counter's buffer, s: a computer that stalls for a shorter time loses nothing."""
 HIGHEST_HZ = 400e3
 """240 ± 120 kHz, with margin"""
 COUNTS_A_PULSE = 4
@@ -54,10 +54,10 @@ REMOTE_REMEDY = (
 
 
 class DaqmxOptions(Options):
-    """Counters by channel and encoder; without `address` the driver on this computer is used.
+    """Counters by channel and encoder; without `address`, the driver on this computer is used.
 
-    `latency_s` is how long an edge may take from the counter to the computer's buffer: blocks are
-    that much older than the newest sample.
+    `latency_s` is the longest time from an edge at the counter to the computer's buffer: blocks are
+    older than the newest sample by this time.
     """
 
     address: Address | None = None
@@ -86,7 +86,7 @@ class _Periods:
             self._waiting = np.concatenate((self._waiting, ticks))
 
     def until(self, stop_tick: int) -> NDArray[np.int64]:
-        """Return and forget the edges before a tick."""
+        """Return the edges before a tick, and remove them."""
         count = int(np.searchsorted(self._waiting, stop_tick))
         taken, self._waiting = self._waiting[:count], self._waiting[count:]
         return taken
@@ -147,11 +147,11 @@ class DaqmxCounter(LibraryCounter):
             raise
 
     times_encoders = True
-    """No other source of angles is needed."""
+    """Whether the counter reads encoders, so that no other source of angles is needed."""
 
     @property
     def shortest_read_s(self) -> float:
-        """A read of the card in this computer costs nothing; over gRPC it is six round trips."""
+        """A read of a card in this computer costs nothing; over gRPC it takes six round trips."""
         return 0.0 if self._options.address is None else SHORTEST_REMOTE_READ_S
 
     # -- the device -------------------------------------------------------------------------
@@ -196,7 +196,7 @@ class DaqmxCounter(LibraryCounter):
     # -- tasks ------------------------------------------------------------------------------
 
     def _begin(self) -> None:
-        """Create and start all tasks; the sample clock comes last and arms the others."""
+        """Create and start all tasks; the sample clock is started last and arms the others."""
         mark = os.urandom(4).hex()
 
         def create(name: str) -> Any:
@@ -277,13 +277,13 @@ class DaqmxCounter(LibraryCounter):
     def select(self, channels: frozenset[str]) -> None:
         """Deliver only these channels from the next block on; all are counted in any case.
 
-        A counter that starts later would be on a time axis of its own.
+        A counter that starts later would have a time axis of its own.
         """
         self._check_served(channels)
         self._selected = channels
 
     def read_block(self, duration_s: float) -> Block:
-        """Return the next `duration_s`, waiting until the sample clock has passed it."""
+        """Return the next `duration_s`, after waiting until the sample clock has passed it."""
         if not self._tasks:
             self._begin()
         rate = self._options.sample_rate_hz
@@ -291,7 +291,7 @@ class DaqmxCounter(LibraryCounter):
         stop_sample = self._start_sample + count
         latency = int(np.ceil(self._options.latency_s * rate))
         if stop_sample + latency > self._samples:
-            # What has come late is read at once: block by block it would stay late.
+            # Read a backlog at once: block by block it would never be worked off.
             wanted = max(stop_sample + latency - self._samples, self._waiting)
             for side in SIDES:
                 self._read_encoder(side, wanted, duration_s)
@@ -324,7 +324,7 @@ class DaqmxCounter(LibraryCounter):
         return Block(start_s, stop_s, edges, angles, waiting_s=waiting_s)
 
     def _count_waiting(self) -> int:
-        """Return how many samples the sample clock has passed that haven't been read."""
+        """Return the number of unread samples that the sample clock has passed."""
         stream = self._tasks[f"{SIDES[0]}_encoder"].in_stream
         return int(self._ask(lambda: stream.avail_samp_per_chan, "samples that wait"))
 
@@ -347,7 +347,7 @@ class DaqmxCounter(LibraryCounter):
         self._held[side] = np.concatenate((before, counts))
 
     def _unwrapped(self, side: Side, raw: NDArray[np.uint32]) -> NDArray[np.int64]:
-        """Undo the wrapping of the 32-bit counter."""
+        """Unwrap the 32-bit counter."""
         signed = raw.view(np.int32)
         first = self._position.get(side, int(signed[0]))
         words = np.concatenate((np.array([first], dtype=np.int64).astype(np.int32), signed))

@@ -20,7 +20,7 @@ class _Details(NamedTuple):
 
 
 class Deadline(grpc.UnaryUnaryClientInterceptor):
-    """Gives every call at most so long.
+    """Interceptor that limits the duration of every call.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Deadline(grpc.UnaryUnaryClientInterceptor):
     def intercept_unary_unary(
         self, continuation: Callable[[Any, Any], Any], client_call_details: Any, request: Any
     ) -> Any:
-        """Pass the call on with the limit."""
+        """Forward the call with the time limit."""
         given = client_call_details
         details = _Details(
             given.method,

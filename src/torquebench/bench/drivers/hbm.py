@@ -1,7 +1,7 @@
-"""HBM's interpreter (PMX, DMP41, MGCplus) over TCP and RS-232: amplifier of modules or standard.
+"""HBM's interpreter (PMX, DMP41, MGCplus) over TCP and RS-232: amplifiers of modules or standards.
 
-Every command that sets something is answered with 0 or ?, every query with its values. A value
-comes with its channel and a status.
+Every setting command is answered with 0 or ?, every query with its values. A value comes with its
+channel and a status.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ __all__ = ["PLUGIN", "HbmAmplifier"]
 REMOTE, LOCAL = b"\x12", b"\x01"
 """Control characters that begin and end remote control on RS-232."""
 MOST_LEFT_OVER = 1000
-"""Most lines of an earlier session that are skipped before an acknowledgement."""
+"""Largest number of lines from an earlier session that are skipped before an acknowledgement."""
 SETUP = {
     "DMP41": ("SRB1", "STP", "COF0", "CHS{mask}"),
     "MGCplus": ("SRB1", "TEX44", "PCS{channels}", "SPS{subchannel}"),
@@ -33,14 +33,14 @@ SETUP = {
 }
 READ = {"DMP41": "MSV?13", "MGCplus": "RMV?214", "PMX": "RMV?214"}
 FAULTY = {"DMP41": 0xE0, "MGCplus": 0xFF, "PMX": 0xFF}
-"""Bits of a status that make a value invalid; a DMP41's lower ones are limit switches."""
+"""Bits of a status that make a value invalid; the lower bits of a DMP41 are limit switches."""
 Channel = Annotated[int, Field(ge=1, le=24)]
 
 
 class HbmOptions(LineOptions, AmplifierOptions):
-    """An amplifier; `setup`, `read` and `faulty` replace the commands of its family.
+    """Options of an amplifier; `setup`, `read` and `faulty` replace the commands of its family.
 
-    `serial` counts for a device that can't state its own.
+    `serial` is used for a device that can't report its own.
     """
 
     family: Literal["DMP41", "MGCplus", "PMX"]
@@ -53,7 +53,7 @@ class HbmOptions(LineOptions, AmplifierOptions):
 
 
 class HbmAmplifier(LineLink):
-    """An amplifier whose selected channels are read at once."""
+    """An amplifier whose selected channels are read together."""
 
     def __init__(self, name: str, options: HbmOptions, timeout_s: float) -> None:
         super().__init__(name, options, timeout_s, prologue=REMOTE, epilogue=LOCAL)
@@ -79,7 +79,7 @@ class HbmAmplifier(LineLink):
         return connection
 
     def _obeyed(self, connection: LineConnection, command: str) -> None:
-        """Send a command and wait for its 0; values that an earlier session requested may come."""
+        """Send a command and wait for its 0; skip values that an earlier session requested."""
         connection.send(command)
         for _ in range(MOST_LEFT_OVER):
             answer = connection.receive(self.timeout_s)
@@ -96,7 +96,7 @@ class HbmAmplifier(LineLink):
         raise WireError("values without end")
 
     def identity(self, role: str) -> Identity:
-        """Ask for the identity; an older device states neither serial number nor firmware."""
+        """Request the identity; an older device reports neither serial number nor firmware."""
         answer = self.query("*IDN?")
         if answer == "?":
             answer = self.query("IDN?")
@@ -117,7 +117,7 @@ class HbmAmplifier(LineLink):
         return Identity(role, manufacturer, model, serial, firmware, {"address": self.address})
 
     def values(self) -> Mapping[str, float]:
-        """Ask for the value of every channel; NaN where its status says that it is invalid."""
+        """Request the value of every channel; NaN if its status says that it is invalid."""
         line = self._hbm.read or READ[self._hbm.family]
 
         def exchange(connection: LineConnection) -> dict[str, float]:

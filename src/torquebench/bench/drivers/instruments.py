@@ -1,4 +1,4 @@
-"""A bench of separate instruments: every section of `[driver]` is one, by role and protocol.
+"""A bench of separate instruments, one in each section of `[driver]`, by role and protocol.
 
 ```toml
 [bench]
@@ -64,17 +64,17 @@ _ROLES: dict[str, tuple[Role, Side | None]] = {
     "power_supply": ("supply", None),
 }
 BY_DRIVES = "drives"
-"""Protocol of `[driver.angles]` where the drives' own encoders state the angles."""
+"""Protocol of `[driver.angles]` if the drives' own encoders measure the angles."""
 ROLES = tuple(_ROLES)
-"""Sections of a bench description, one an instrument."""
+"""Sections of a bench description, one for each instrument."""
 
 
 class SimulationOptions(BaseModel):
-    """Section `[driver.simulation]`: the instruments are simulators, with these settings.
+    """Section `[driver.simulation]`: the instruments are simulators with these settings.
 
-    `time` is "on-demand" where bench time continues as the counter is read, as fast as everything
-    computes, or "real" where it follows the wall. On opening, the simulators state which of the two
-    they were started with.
+    With `time` "on-demand", bench time advances when the counter is read, as fast as possible; with
+    "real" it follows the wall clock. On opening, the simulators report with which of the two they
+    were started.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -87,7 +87,7 @@ class SimulationOptions(BaseModel):
 
 
 class InstrumentsOptions(BaseModel):
-    """Section `[driver]` of a bench of separate instruments, one section an instrument."""
+    """Section `[driver]` of a bench of separate instruments, one section for each instrument."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -112,7 +112,7 @@ def open_instruments(description: BenchDescription) -> DriverSet:
     InputError
         A section is missing or wrong, a protocol unknown or its library not installed.
     BenchError
-        An instrument doesn't answer; those opened before are closed again.
+        An instrument doesn't answer; the instruments opened before are closed.
     """
     source = f"{description.name}: driver"
     options: InstrumentsOptions = validated(InstrumentsOptions, description.driver, source)
@@ -173,7 +173,7 @@ def _check_needs_angles(counter: object) -> None:
 
 
 def _running(control: SimulationControl, bench: str) -> dict[str, Any]:
-    """Return the state of the simulators; an error says how to start them if they don't run."""
+    """Return the state of the simulators; if they don't run, the error says how to start them."""
     try:
         return control.ask("status")
     except BenchError as error:
@@ -190,7 +190,7 @@ def _running(control: SimulationControl, bench: str) -> dict[str, Any]:
 
 
 def open_role(description: BenchDescription, key: str) -> Any:
-    """Open one instrument of a bench alone: for `doctor`, and for tests of its driver.
+    """Open a single instrument of a bench, for `doctor` and for tests of its driver.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def _open(description: BenchDescription, key: str, section: Mapping[str, Any]) -
 
 
 class _OwnDriveAngles(DriveAngles):
-    """The drives' positions over connections of their own."""
+    """The drives' positions over separate connections."""
 
     def __init__(self, description: BenchDescription) -> None:
         with contextlib.ExitStack() as opened:
@@ -267,7 +267,7 @@ class _OwnDriveAngles(DriveAngles):
 
 @dataclass(frozen=True)
 class GearedDrive:
-    """A drive with a gear to the module's shaft, in torques and speeds of the shaft.
+    """A drive with a gear to the module's shaft; its torques and speeds are those of the shaft.
 
     Parameters
     ----------
@@ -296,31 +296,31 @@ class GearedDrive:
         self.drive.enable()
 
     def disable(self) -> None:
-        """Take the power off the motor."""
+        """Switch off the motor's power."""
         self.drive.disable()
 
     def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
-        """Go to a torque of the shaft."""
+        """Ramp to a torque of the shaft."""
         check_drive_order(self.name, torque_nm, ramp_nm_per_s, self.limits().torque_nm, "N·m")
         self.drive.command_torque(torque_nm / self.ratio, ramp_nm_per_s / abs(self.ratio))
 
     def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
-        """Go to a speed of the shaft."""
+        """Ramp to a speed of the shaft."""
         check_drive_order(
             self.name, speed_rad_s, ramp_rad_per_s2, self.limits().speed_rad_s, "rad/s"
         )
         self.drive.command_speed(speed_rad_s * self.ratio, ramp_rad_per_s2 * abs(self.ratio))
 
     def ramp_to_zero(self, duration_s: float) -> None:
-        """Bring torque and speed to zero."""
+        """Ramp torque and speed to zero."""
         self.drive.ramp_to_zero(duration_s)
 
     def feed_watchdog(self) -> None:
-        """Tell the drive that the supervisor lives."""
+        """Reset the drive's watchdog."""
         self.drive.feed_watchdog()
 
     def state(self) -> DriveState:
-        """Ask for the set points, at the shaft."""
+        """Request the set points, at the shaft."""
         state, ratio = self.drive.state(), self.ratio
         torque, speed = state.torque_nm, state.speed_rad_s
         return replace(
@@ -330,7 +330,7 @@ class GearedDrive:
         )
 
     def position_counts(self) -> int:
-        """Ask for the motor's position, in the direction of the shaft."""
+        """Request the motor's position, in the direction of the shaft."""
         drive: Any = self.drive
         return int(math.copysign(1.0, self.ratio)) * int(drive.position_counts())
 

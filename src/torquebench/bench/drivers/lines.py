@@ -1,4 +1,4 @@
-"""Instruments that answer lines of text, on a TCP port or a serial line (pyserial)."""
+"""Instruments that answer with lines of text, on a TCP port or a serial line (pyserial)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SerialRate = Annotated[int, Field(ge=300, le=4_000_000, description="baud")]
 
 
 class LineOptions(Options):
-    """Where an instrument is: `host:port`, or a serial port such as `/dev/ttyUSB0` or `COM3`."""
+    """Address of an instrument: `host:port`, or a serial port such as `/dev/ttyUSB0` or `COM3`."""
 
     address: Annotated[
         str, Field(min_length=3, max_length=200, description="host:port or a serial port")
@@ -31,7 +31,7 @@ class LineOptions(Options):
 
 
 class LineConnection(Protocol):
-    """Sends and receives lines."""
+    """A connection that sends and receives lines."""
 
     def send(self, line: str) -> None:
         """Send a line and the terminator."""
@@ -44,21 +44,21 @@ class LineConnection(Protocol):
 
 
 class _Lines:
-    """Splits what arrives into lines."""
+    """Base of connections that splits received bytes into lines."""
 
     def __init__(self, terminator: bytes) -> None:
         self._terminator = terminator
         self._rest = b""
 
     def _more(self, within_s: float) -> bytes:
-        """Return what arrives next; nothing after the time."""
+        """Return the next received bytes; empty after the time-out."""
         raise NotImplementedError
 
     def receive(self, timeout_s: float) -> str:
         """Return the next line without its terminator; raises `WireError`."""
         deadline = time.monotonic() + timeout_s
         while self._terminator not in self._rest:
-            # What has arrived is taken even if this process was late.
+            # Received bytes are used even if this process was late.
             data = self._more(max(0.0, deadline - time.monotonic()))
             if not data:
                 part = "a part of an answer" if self._rest else "no answer"
@@ -101,7 +101,7 @@ class SocketLines(_Lines):
 
 
 class SerialLines(_Lines):
-    """Lines on a serial line; bytes in `prologue` and `epilogue` begin and end the session."""
+    """Lines on a serial port; the bytes in `prologue` and `epilogue` begin and end the session."""
 
     def __init__(
         self,
@@ -113,7 +113,11 @@ class SerialLines(_Lines):
     ) -> None:
         super().__init__(terminator)
         library = require_library("serial", "serial")
-        self._failures = (library.SerialException, OSError, TypeError)  # TypeError: pulled out
+        self._failures = (
+            library.SerialException,
+            OSError,
+            TypeError,
+        )  # TypeError: the port was unplugged
         self._epilogue = epilogue
         try:
             self._port: Any = library.Serial(
@@ -155,7 +159,7 @@ class SerialLines(_Lines):
 
 
 class LineLink(Link[LineConnection]):
-    """One instrument that answers lines.
+    """A connection to an instrument that answers with lines.
 
     Parameters
     ----------
@@ -163,9 +167,9 @@ class LineLink(Link[LineConnection]):
     options : LineOptions
     timeout_s : float
     terminator : bytes
-        What ends a line.
+        Bytes that end a line.
     prologue, epilogue : bytes
-        What begins and ends a session on a serial line.
+        Bytes that begin and end a session on a serial line.
     """
 
     def __init__(
@@ -192,7 +196,7 @@ class LineLink(Link[LineConnection]):
         connection.close()
 
     def query(self, line: str) -> str:
-        """Ask and return the answer."""
+        """Send a line and return the answer."""
 
         def exchange(connection: LineConnection) -> str:
             connection.send(line)

@@ -1,4 +1,4 @@
-"""A connection to an instrument: opened when needed, one caller at a time, renewed on errors."""
+"""Connection to an instrument: opened when needed, one caller at a time, renewed after errors."""
 
 from __future__ import annotations
 
@@ -38,11 +38,12 @@ TimeOut = Annotated[float, Field(ge=0.02, le=30.0, description="s")]
 SwitchingTime = Annotated[float, Field(gt=0.0, le=30.0, description="s")]
 LONGEST_TIME_OUT_S = 0.3
 TRIES_A_WATCHDOG = 4
-"""Number of attempts within a drive's watchdog time: two and a new connection, with margin."""
+"""Number of time-outs in a drive's watchdog time: two attempts and a new connection, with
+margin."""
 
 
 def drive_timeout(described_s: float | None, watchdog_s: float, section: str) -> float:
-    """Return how long a drive's answer may take, so that a second try comes before its watchdog.
+    """Return a time-out for a drive's answer that allows a second attempt before its watchdog.
 
     Raises
     ------
@@ -68,7 +69,7 @@ def drive_timeout(described_s: float | None, watchdog_s: float, section: str) ->
 
 
 def check_drive_order(name: str, value: float, rate: float, maximum: float, unit: str) -> None:
-    """Refuse a set point beyond the limit of the drive itself, or a rate that isn't above 0.
+    """Refuse a set point beyond the drive's own limit, or a rate that isn't above 0.
 
     Raises
     ------
@@ -88,11 +89,11 @@ def check_drive_order(name: str, value: float, rate: float, maximum: float, unit
 
 
 class WireError(Exception):
-    """The connection failed or returned invalid data: the same request may be repeated."""
+    """The connection failed or returned invalid data; the request may be repeated."""
 
 
 def split_address(address: str, lowest: int = 1) -> tuple[str, int]:
-    """Split `host:port`; raises `InputError` if it isn't that or the port is below `lowest`.
+    """Split `host:port`; raises `InputError` for other forms and for ports below `lowest`.
 
     Examples
     --------
@@ -108,18 +109,18 @@ def split_address(address: str, lowest: int = 1) -> tuple[str, int]:
 
 
 class Link(ABC, Generic[Connection]):
-    """A connection shared by every caller of one instrument.
+    """A connection that all callers of one instrument share.
 
-    After an error the connection is closed and opened again, since late data of the old one may
-    answer an earlier request; then the request is repeated. Every request of torquebench's drivers
-    may be repeated: commands state absolute values.
+    After an error the connection is closed and opened again, because late data on the old one may
+    belong to an earlier request; then the request is repeated. All requests of torquebench's
+    drivers can be repeated, because commands contain absolute values.
 
     Parameters
     ----------
     name : str
         Role and instrument, for messages.
     address : str
-        Where it is, for messages.
+        Address, for messages.
     timeout_s : float
         Timeout of one answer, s.
     attempts : int
@@ -145,12 +146,12 @@ class Link(ABC, Generic[Connection]):
         """Disconnect."""
 
     def call(self, question: Callable[[Connection], Result]) -> Result:
-        """Ask something of the connection, alone; see the class for errors of the wire.
+        """Send a request on the connection, exclusively; for errors see the class.
 
         Raises
         ------
         BenchError
-            The instrument didn't answer, answered nonsense twice, or the link is closed.
+            The instrument didn't answer, gave invalid answers twice, or the link is closed.
         """
         with self._lock:
             if self._closed:
@@ -186,7 +187,7 @@ class Link(ABC, Generic[Connection]):
 
     @contextlib.contextmanager
     def kept(self) -> Iterator[Self]:
-        """Close the link if the block fails."""
+        """Close the link if the block raises an error."""
         try:
             yield self
         except BaseException:
@@ -194,7 +195,7 @@ class Link(ABC, Generic[Connection]):
             raise
 
     def close(self) -> None:
-        """Disconnect for good. A second call does nothing."""
+        """Disconnect permanently. A second call does nothing."""
         with self._lock:
             self._closed = True
             self._drop()

@@ -1,4 +1,4 @@
-"""Values of a PLC by OPC UA: torque of modules or standard, and temperatures."""
+"""Values from a PLC by OPC UA: torque of modules or standard, and temperatures."""
 
 from __future__ import annotations
 
@@ -29,12 +29,13 @@ BUILD_INFO = ("i=2263", "i=2261", "i=2264")
 """Nodes of manufacturer, product and version of every server (OPC 10000-5)."""
 ANSWER_S = 2.0
 SHORTEST_ANSWER_S = 0.5
-"""A session takes several answers to open, of a PLC that has other things to do."""
+"""Shortest time-out, s: opening a session takes several answers from a PLC that is busy
+otherwise."""
 NodeText = Annotated[str, Field(pattern=r"^(ns=\d+;)?[isgb]=.+$", description="such as ns=2;s=A")]
 
 
 class ServerOptions(Options):
-    """A server without security, in the bench's own network."""
+    """Options of a server without security, in the bench's own network."""
 
     address: Annotated[str, Field(pattern=r"^opc\.tcp://.+$", description="opc.tcp://host:port")]
     serial: str = ""
@@ -54,7 +55,7 @@ class ProbeOptions(ServerOptions):
 
 
 class OpcUaServer(Link[Any]):
-    """One server, of which some variables are read at once.
+    """A server from which some variables are read together.
 
     Parameters
     ----------
@@ -96,13 +97,13 @@ class OpcUaServer(Link[Any]):
         async def closed() -> None:
             protocol = client.aio_obj.uaclient.protocol
             unfinished = asyncio.all_tasks() - {asyncio.current_task()}
-            for task in unfinished:  # a connecting or closing session would go on
+            for task in unfinished:  # a session that is being opened or closed would continue
                 task.cancel()
             await asyncio.gather(*unfinished, return_exceptions=True)
             client.aio_obj.disconnect_socket()
             if protocol is not None and protocol.transport is not None:
-                protocol.transport.abort()  # without waiting for what can't be sent any more
-            await asyncio.sleep(0.0)  # the loop closes it on its next turn
+                protocol.transport.abort()  # without waiting for data that can't be sent any more
+            await asyncio.sleep(0.0)  # the loop closes the socket on its next iteration
 
         hanging_up = closed()
         with contextlib.suppress(Exception):
@@ -125,13 +126,13 @@ class OpcUaServer(Link[Any]):
         return self.call(exchange)
 
     def identity(self, role: str) -> Identity:
-        """Ask what the server is; a serial number isn't among that."""
+        """Request the server's identity, which has no serial number."""
         stated = [str(value.Value.Value or "unknown") for value in self._read(list(BUILD_INFO))]
         details = {"address": self.address}
         return Identity(role, stated[0], stated[1], self._serial, stated[2], details)
 
     def values(self) -> Mapping[str, float]:
-        """Read every variable; NaN where its quality isn't good."""
+        """Read every variable; NaN if its quality isn't good."""
         read = self._read(list(self._nodes.values()))
         values: dict[str, float] = {}
         for (name, node), stated in zip(self._nodes.items(), read, strict=True):
@@ -161,11 +162,11 @@ class OpcUaProbes:
         server.values()
 
     def identity(self) -> Identity:
-        """Ask what the server is."""
+        """Request the server's identity."""
         return self._server.identity("temperature")
 
     def temperatures(self) -> Mapping[str, float]:
-        """Read all probes; one without a good value, or of a silent server, is missing."""
+        """Read all probes; those without a good value, or of a silent server, are missing."""
         with contextlib.suppress(BenchError):
             return {name: c for name, c in self._server.values().items() if math.isfinite(c)}
         return {}

@@ -1,7 +1,8 @@
 """openDAQ devices (HBK, Dewesoft and others): torque channels as sampled frequencies.
 
-The device counts by itself and streams samples: frequency in Hz, or any unit with `scale_hz` and
-`offset_hz`. All channels are read together, aligned by their common domain (the device's clock).
+The device counts by itself and streams samples: frequencies in Hz, or values in any unit with
+`scale_hz` and `offset_hz`. All channels are read together, aligned by their common domain (the
+device's clock).
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ class OpenDaqOptions(Options):
 class OpenDaqCounter(LibraryCounter):
     """Torque channels of one openDAQ device, averaged over the counter's windows.
 
-    Encoders are read elsewhere: give the bench a section `[driver.angles]`.
+    It reads no encoders: the bench needs a section `[driver.angles]`.
 
     Parameters
     ----------
@@ -160,11 +161,11 @@ class OpenDaqCounter(LibraryCounter):
 
     @property
     def shortest_read_s(self) -> float:
-        """A block is read whole: devices send their samples in packets."""
+        """A block is read as a whole, because devices send their samples in packets."""
         return self._counting.block_s
 
     def identity(self) -> Identity:
-        """Return the identity that the device stated on connection."""
+        """Return the identity that the device reported on connection."""
         details = {"address": self._options.address, "sample rate": f"{self._rate_hz:g} Hz"}
         return Identity("counter", *self._plate, self._serial, self._firmware, details)
 
@@ -179,7 +180,7 @@ class OpenDaqCounter(LibraryCounter):
         Raises
         ------
         BenchError
-            They don't arrive, or samples between them and the previous ones are missing.
+            The windows don't arrive, or samples before them are missing.
         """
         windows = max(1, round(duration_s / self._counting.window_s))
         if self._reader is None:

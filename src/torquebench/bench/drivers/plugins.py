@@ -1,8 +1,8 @@
-"""The available protocols, and how a section of `[driver]` becomes an instrument.
+"""The available protocols, and the conversion of a section of `[driver]` to an instrument.
 
-A protocol is a `DriverPlugin`: its name and one opener a role. Built-in protocols are loaded when a
-bench names them. Another package adds one by an entry point in the group `torquebench.drivers` that
-gives a `DriverPlugin`.
+A protocol is a `DriverPlugin`: its name and one opener for each role. Built-in protocols are loaded
+when a bench description names them. Another package adds one by an entry point in the group
+`torquebench.drivers` that gives a `DriverPlugin`.
 """
 
 from __future__ import annotations
@@ -52,25 +52,25 @@ _BUILT_IN = {
 
 
 class Options(BaseModel):
-    """Keys of one instrument's section: checked, without unknown ones."""
+    """Checked keys of an instrument's section; unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 @dataclass(frozen=True)
 class InstrumentRequest:
-    """One instrument of a bench description.
+    """A section of a bench description that defines one instrument.
 
     Parameters
     ----------
     role : str
     section : str
-        Where its keys are, such as `driver.input_drive`.
+        Section that contains its keys, such as `driver.input_drive`.
     options : mapping
         The keys except `protocol`.
     description : BenchDescription
     side : {"input", "output"} or None
-        Of a drive.
+        Side of a drive.
     """
 
     role: Role
@@ -80,7 +80,7 @@ class InstrumentRequest:
     side: Side | None = None
 
     def read(self, model: type[Any]) -> Any:
-        """Check the section's keys against a model of them; raises `InputError`."""
+        """Check the section's keys against a model, and return them; raises `InputError`."""
         return validated(model, self.options, f"{self.description.name}: {self.section}")
 
 
@@ -108,7 +108,7 @@ class DriverPlugin:
 
 
 def protocols() -> dict[str, Callable[[], DriverPlugin]]:
-    """Name every protocol that is installed, with how to load it.
+    """Return every installed protocol with the function that loads it.
 
     Examples
     --------
@@ -150,7 +150,9 @@ def find_plugin(name: str, key: str) -> DriverPlugin:
             "correct the bench description or install the package that provides the protocol",
         )
     plugin = known[name]()
-    if callable(plugin) and not isinstance(plugin, DriverPlugin):  # a factory function
+    if callable(plugin) and not isinstance(
+        plugin, DriverPlugin
+    ):  # the entry point may be a factory function
         plugin = plugin()
     if not isinstance(plugin, DriverPlugin):
         raise InputError(
@@ -167,7 +169,7 @@ def require_library(module: str, extra: str) -> ModuleType:
     Raises
     ------
     InputError
-        It isn't installed: names the extra to install.
+        It isn't installed; the message names the extra to install.
     """
     logging.getLogger(module.partition(".")[0]).addHandler(logging.NullHandler())
     try:

@@ -14,15 +14,15 @@ __all__ = ["SampleClock"]
 LARGEST_DRIFT = 2e-4
 """Largest relative deviation of the instrument's clock from the counter's."""
 SETTLED_BY = 5
-"""After this many answers in a row that weren't a period quicker than the quickest, the clock is
-set.
+"""Number of answers in a row, none quicker than the quickest by a period or more, after which the
+offset of the clocks is known.
 """
 FORGOTTEN_S = 1.0
-"""After so long without a request samples are lost, and their number is unknown."""
+"""Time without a request after which samples are lost, in unknown number, s."""
 
 
 class SampleClock:
-    """Assigns times to samples, a period apart, by the quickest answer so far.
+    """Clock that assigns times to samples, a period apart, from the quickest answer so far.
 
     A request is sent after the counter's block has arrived, so an answer is never older than the
     block's end, nor than the counter's time then; on a busy computer it is later by the computer's
@@ -54,8 +54,8 @@ class SampleClock:
         self._begin()
 
     def _begin(self) -> None:
-        self._number = 0  # earliest time of the next sample when the first one began
-        self._begun_s = -math.inf  # when the first one began, at the earliest
+        self._number = 0  # earliest time of the next sample, when the first answer came
+        self._begun_s = -math.inf  # earliest time at which the first answer came
         self._settled = False
         self._quiet = 0
         self._quiet_since_s = math.inf
@@ -65,7 +65,7 @@ class SampleClock:
     def take(
         self, torque_nm: NDArray[np.float64], until_s: float, timed_s: float, lost: int = 0
     ) -> Record:
-        """Take an answer; return the samples up to a bench time whose times are known.
+        """Add the samples of an answer; return those up to a bench time whose times are known.
 
         Parameters
         ----------

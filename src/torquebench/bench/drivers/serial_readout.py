@@ -1,4 +1,4 @@
-"""Displays and boards that state a value as text on a serial line, each with one channel."""
+"""Displays and boards that send a value as text on a serial line, each with one channel."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ def _pattern(text: str) -> str:
 
 
 class DisplayOptions(LineOptions, AmplifierOptions):
-    """Displays by the channel that each serves; all are alike.
+    """Options of displays, one for each channel, all alike.
 
-    `request` is what each is asked with; without it they send by themselves. `pattern` finds the
-    number in a line, `no_value` a line that states none. `scale` is the signal's unit (N·m, V,
-    mV/V) a number.
+    `request` is sent to each display; without it they send by themselves. `pattern` finds the
+    number in a line, `no_value` recognises a line without one. `scale` is the value of a number's
+    unit in N·m, V or mV/V.
     """
 
     address: str = ""
@@ -63,12 +63,12 @@ class _Display(LineLink):
 
     def _open(self) -> LineConnection:
         connection = super()._open()
-        if not self._display.request:  # listening begins within a line
+        if not self._display.request:  # reception may begin within a line
             connection.receive(self.timeout_s)
         return connection
 
     def value(self) -> float:
-        """Return the newest value; NaN where the display states none."""
+        """Return the newest value; NaN if the display shows none."""
         return self.call(self._exchange)
 
     def _exchange(self, connection: LineConnection) -> float:
@@ -77,7 +77,7 @@ class _Display(LineLink):
             connection.send(options.request)
         line = connection.receive(self.timeout_s)
         if not options.request:
-            with contextlib.suppress(WireError):  # nothing newer has arrived whole
+            with contextlib.suppress(WireError):  # no newer complete line has arrived
                 while True:
                     line = connection.receive(0.0)
         found = re.search(options.pattern, line)
@@ -89,7 +89,7 @@ class _Display(LineLink):
 
 
 class SerialDisplays:
-    """One display a channel."""
+    """Displays, one for each channel."""
 
     def __init__(self, name: str, options: DisplayOptions, timeout_s: float) -> None:
         self._options = options
@@ -99,13 +99,13 @@ class SerialDisplays:
         }
 
     def identity(self, role: str) -> Identity:
-        """Return the described identity: displays don't state theirs."""
+        """Return the described identity, because displays don't report theirs."""
         options = self._options
         details = {str(channel): address for channel, address in options.channels.items()}
         return Identity(role, options.manufacturer, options.model, options.serial, "", details)
 
     def values(self) -> Mapping[str, float]:
-        """Ask every display."""
+        """Request the values of all displays."""
         return {str(channel): display.value() for channel, display in self._displays.items()}
 
     def close(self) -> None:

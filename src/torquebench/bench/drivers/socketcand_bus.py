@@ -1,7 +1,7 @@
 """A client of `socketcand`, a CAN bus over TCP, for python-can.
 
-It replaces python-can's own client, which tries for 10 s if nothing listens, leaves its socket open
-when the greeting fails, and spins after the server has closed.
+It replaces python-can's own client, which tries to connect for 10 s if no server listens, leaves
+its socket open when the greeting fails, and loops without waiting after the server has closed.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ LONGEST_FRAME = 200
 
 
 class SocketcandBus(can.BusABC):
-    """A CAN bus that a socketcand server or gateway shares.
+    """A CAN bus behind a socketcand server or gateway.
 
     Parameters
     ----------
     channel : str
-        The server's name of the bus.
+        Name of the bus at the server.
     host : str
     port : int
     timeout_s : float
@@ -33,9 +33,9 @@ class SocketcandBus(can.BusABC):
     Raises
     ------
     OSError
-        Nobody listens.
+        No server listens.
     can.CanInitializationError
-        The server doesn't greet as socketcand does.
+        The server's greeting isn't that of socketcand.
     """
 
     def __init__(self, channel: str, host: str, port: int, timeout_s: float) -> None:
@@ -94,7 +94,7 @@ class SocketcandBus(can.BusABC):
         return (self._frames.popleft() if self._frames else None), False
 
     def _take(self, line: bytes) -> None:
-        """Queue a frame; text that is none is dropped, so that its answer is missed."""
+        """Queue a frame; other text is dropped."""
         words = line.rpartition(b"<")[2].split()
         if len(words) < 3 or words[0] != b"frame":
             return

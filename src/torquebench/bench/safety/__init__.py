@@ -1,6 +1,6 @@
-"""Monitoring of the bench, independent of procedures, that brings it to a safe state.
+"""Monitoring of the bench, independent of procedures, which brings it to a safe state.
 
-`SafetySupervisor` compares signals, drives and heartbeats with limits; alarms state what was found.
+`SafetySupervisor` compares signals, drives and heartbeats with limits, and raises alarms.
 """
 
 from torquebench.bench.safety.alarms import Alarm, AlarmKind, AlarmLevel, RaisedAlarm

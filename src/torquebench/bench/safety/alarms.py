@@ -31,7 +31,7 @@ __all__ = [
 
 
 class AlarmKind(Enum):
-    """What is wrong."""
+    """Kind of an alarm: what is wrong."""
 
     TORQUE_LIMIT = "torque limit"
     SPEED_LIMIT = "speed limit"
@@ -171,7 +171,7 @@ _ERRORS: dict[AlarmKind, type[TorquebenchError]] = {
 
 @dataclass(frozen=True)
 class Violation:
-    """What is wrong, in the words of an alarm."""
+    """A violated condition, with the fields of an alarm."""
 
     kind: AlarmKind
     source: str
@@ -180,13 +180,13 @@ class Violation:
     remedy: str
 
     def alarm(self, time_s: float, level: AlarmLevel = AlarmLevel.CRITICAL) -> Alarm:
-        """Return the alarm about it."""
+        """Return the alarm for this violation."""
         return Alarm(self.kind, self.source, self.found, self.allowed, self.remedy, time_s, level)
 
 
 @dataclass(frozen=True)
 class Alarm:
-    """Reason of the safe state, or a warning to the operator.
+    """Reason for the safe state, or a warning to the operator.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ class Alarm:
         Bench time.
     level : AlarmLevel
     number : int
-        Counts the alarms of an open bench from 1.
+        Number of the alarm since the bench was opened, from 1.
     raised : datetime.datetime
         Time of the event, UTC.
     """
@@ -221,7 +221,7 @@ class Alarm:
         return f"{self.kind.value}: {self.source}"
 
     def error(self) -> TorquebenchError:
-        """Error to raise in whatever was going on."""
+        """Error to be raised in the interrupted operation."""
         found = Message(
             "{kind}: {found} at {time:.3f} s of bench time",
             self.kind.value,
@@ -239,11 +239,11 @@ class RaisedAlarm:
     ----------
     alarm : Alarm
     cleared : datetime.datetime or None
-        When a warning's cause went away by itself, UTC; None while it is active.
+        Time at which a warning's cause disappeared, UTC; None while it is active.
     acknowledged_by : str
         The person who has acknowledged it; empty before that.
     acknowledged : datetime.datetime or None
-        When, UTC.
+        Time of the acknowledgement, UTC.
     """
 
     alarm: Alarm
@@ -253,7 +253,7 @@ class RaisedAlarm:
 
     @property
     def active(self) -> bool:
-        """Whether it still concerns the bench."""
+        """Whether the alarm still concerns the bench."""
         if self.alarm.level is AlarmLevel.CRITICAL:
             return self.acknowledged is None
         return self.cleared is None
@@ -273,14 +273,14 @@ class AlarmBook:
         self._listeners: tuple[Callable[[RaisedAlarm], None], ...] = ()
 
     def subscribe(self, listener: Callable[[RaisedAlarm], None]) -> None:
-        """Call this whenever an alarm comes, is cleared or is acknowledged."""
+        """Call this function whenever an alarm is raised, cleared or acknowledged."""
         self._listeners = (*self._listeners, listener)
 
     @property
     def latched(self) -> Alarm | None:
-        """The critical alarm that stopped the bench, None when there is none.
+        """The critical alarm that stopped the bench; None if there is none.
 
-        An alarm that the bench isn't safe replaces the original message.
+        An alarm that the bench isn't safe replaces the original one.
         """
         return self._latched
 
@@ -291,7 +291,7 @@ class AlarmBook:
 
     @property
     def active(self) -> tuple[RaisedAlarm, ...]:
-        """Those that still concern the bench: the worst first, then the oldest."""
+        """Alarms that still concern the bench: the worst first, then the oldest."""
 
         def urgency(entry: RaisedAlarm) -> tuple[bool, int, int]:
             alarm = entry.alarm
@@ -300,7 +300,7 @@ class AlarmBook:
         return tuple(sorted((entry for entry in self.entries if entry.active), key=urgency))
 
     def add(self, alarm: Alarm) -> Alarm:
-        """Note an alarm under its number; the first critical one is the one that latches.
+        """Add an alarm with its number; the first critical one is latched.
 
         Listeners are called by `announce`, after the bench has been stopped.
         """
@@ -313,7 +313,7 @@ class AlarmBook:
         return numbered
 
     def restate(self, number: int, found: str) -> None:
-        """Update an alarm's message after a change; see `announce`."""
+        """Update an alarm's message after a change; listeners are called by `announce`."""
         with self._lock:
             entry = self._entries[number - 1]
             alarm = replace(entry.alarm, found=found)
@@ -326,7 +326,7 @@ class AlarmBook:
         self._tell([self._entries[number - 1] for number in numbers])
 
     def clear(self, number: int) -> None:
-        """Clear a warning whose cause is gone."""
+        """Clear a warning whose cause has disappeared."""
         with self._lock:
             entry = self._entries[number - 1]
             if not entry.active:
@@ -340,7 +340,7 @@ class AlarmBook:
         Raises
         ------
         InterlockError
-            A critical alarm isn't among the seen ones.
+            A critical alarm isn't in `seen`.
         """
         with self._lock:
             for entry in self.active:

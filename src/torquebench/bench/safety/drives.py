@@ -1,7 +1,7 @@
 """Worker threads that poll, feed and stop the drives independently of each other.
 
-A drive on a wire may be slow, and one that hangs must not keep the supervisor from stopping the
-other. So every drive whose calls may block gets a thread of its own.
+A connected drive may be slow, and a drive that hangs must not prevent the supervisor from stopping
+the other one. Every drive whose calls may block therefore gets a thread of its own.
 """
 
 from __future__ import annotations
@@ -28,23 +28,24 @@ ENDING_S = 2.0
 
 
 class DriveWorker:
-    """Asks, feeds, ramps and disables one drive.
+    """Worker that polls, feeds, ramps and disables one drive.
 
     Parameters
     ----------
     side : {"input", "output"}
     drive : Drive
     threaded : bool
-        Use a separate thread, since the drive may block. Otherwise on the caller's.
+        Whether to use a separate thread, because the drive may block; otherwise the caller's
+        thread.
     patience_s : float
-        How long a caller waits for that thread, s of wall time: simulated time stands meanwhile. It
-        must not run ahead of a drive that answers, nor stop for one that doesn't, whose watchdog
-        needs it to pass.
+        Longest time for which a caller waits for that thread, s of wall time; simulated time stops
+        meanwhile. Simulated time must not run ahead of a drive that answers, but must continue for
+        one that doesn't, so that its watchdog trips.
 
     Attributes
     ----------
     state : DriveState or None
-        As last answered; None before the first answer.
+        Last reported state; None before the first answer.
     asked : float
         Time of the last request, in `time.monotonic` seconds.
     failure : str
@@ -60,10 +61,12 @@ class DriveWorker:
         self.state: DriveState | None = None
         self.asked = 0.0
         self._put = 0.0
-        self._states_remote = False  # a drive that never does may obey the bus nevertheless
+        self._states_remote = (
+            False  # a drive that never reports it may accept commands from the bus nevertheless
+        )
         self.failure = ""
         self._orders: queue.SimpleQueue[Order | None] = queue.SimpleQueue()
-        self._idle = threading.Event()  # nobody polls it at the moment
+        self._idle = threading.Event()  # polling is suspended
         self._idle.set()
         self._thread: threading.Thread | None = None
         if threaded:
@@ -83,13 +86,13 @@ class DriveWorker:
             self._thread.join(ENDING_S)
 
     def read(self, since: float) -> DriveState | None:
-        """Return the state that the drive answered after `since` (`time.monotonic`); else None."""
+        """Return the state that was requested after `since` (`time.monotonic`); else None."""
         return self.state if self.asked > since and not self.failure else None
 
     # -- called by the supervisor ------------------------------------------------------------
 
     def ask(self, *, feed: bool) -> None:
-        """Ask for the state and feed the watchdog; on a thread, once at a time."""
+        """Request the state and feed the watchdog; in a thread, one request at a time."""
         if self._thread is None:
             self._ask(feed)
         elif self.idle:
@@ -99,18 +102,18 @@ class DriveWorker:
 
     @property
     def idle(self) -> bool:
-        """Whether no question waits for its answer."""
+        """Whether no request is pending."""
         return self._idle.is_set()
 
     def silent_s(self, since: float) -> float:
-        """Return how long a question waits for its answer, s of wall time; 0 if none waits.
+        """Return how long a request has been pending, s of wall time; 0 if none is.
 
-        Time without requests, because this computer was busy, doesn't count.
+        Time without a request, because this computer was busy, doesn't count.
 
         Parameters
         ----------
         since : float
-            Count from then on at the earliest, in `time.monotonic` seconds.
+            Earliest time from which to count, in `time.monotonic` seconds.
         """
         put = self._put
         return 0.0 if self._idle.is_set() else time.monotonic() - max(put, since)
@@ -125,7 +128,7 @@ class DriveWorker:
         enabled : float
             Time at which it was switched on: earlier states don't count.
         watchdog_s : float
-            How long it may be silent, s.
+            Longest time without an answer, s.
         """
         silent_s = self.silent_s(since)
         if self.failure or silent_s > max(watchdog_s, SHORTEST_SILENCE_S):
@@ -139,22 +142,22 @@ class DriveWorker:
         return "it went to local control and takes no commands of the bus" if local else ""
 
     def wait_asked(self, patience_s: float | None = None) -> None:
-        """Wait for the answer of the drive, at most for `patience_s`."""
+        """Wait for the drive's answer, at most for `patience_s`."""
         patience_s = self._patience_s if patience_s is None else patience_s
         if self._thread is not None and patience_s:
             self._idle.wait(patience_s)
 
     def ramp_to_zero(self, duration_s: float) -> None:
-        """Tell the drive to go to zero torque and speed, and disable one that can't."""
+        """Command the drive to zero torque and speed; disable it if that fails."""
         self._order(lambda: self._ramp(duration_s))
 
     def disable(self, done: Answer) -> None:
-        """Take the power off, then call `done` with whether the command succeeded."""
+        """Switch off the power, then call `done` with whether the command succeeded."""
 
         def disable() -> None:
             try:
                 self.drive.disable()
-            except Exception:  # its own watchdog has to act
+            except Exception:  # its own watchdog has to trip
                 done(False)
             else:
                 done(True)
@@ -188,7 +191,7 @@ class DriveWorker:
     def _ramp(self, duration_s: float) -> None:
         try:
             self.drive.ramp_to_zero(duration_s)
-        except Exception:  # after any error the drive must not continue
+        except Exception:  # whatever the error, the drive must not continue
             with contextlib.suppress(Exception):
                 self.drive.disable()
 
@@ -200,7 +203,7 @@ class DriveWorker:
             self.state = self.drive.state()
             self._states_remote |= self.state.remote
             self.asked = asked
-        except Exception as error:  # a broken wire is treated as a broken drive
+        except Exception as error:  # a broken connection is treated like a broken drive
             self.failure = Message("{name}: {error}", type(error).__name__, error)
         else:
             self.failure = ""
@@ -209,7 +212,7 @@ class DriveWorker:
 
 
 def unreachable(side: Side) -> Violation:
-    """Return the message about a drive that doesn't take the command to go off."""
+    """Return the violation by a drive that doesn't accept the command to switch off."""
     return Violation(
         AlarmKind.DRIVE_FAULT,
         side,

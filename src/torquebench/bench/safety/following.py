@@ -1,9 +1,9 @@
 """Whether the drives follow their commands: command and reading are compared.
 
-A drive that pulls the wrong way, keeps its torque or turns unasked may state "enabled, no fault",
-and so may one whose torque transducer reads another value. The expected state is computed from the
-commands and their ramps. A drive may lag, and a shaft that is free to turn takes up less than
-commanded, so the reading is compared with a band.
+A drive that turns the wrong way, keeps its torque or turns without a command may report "enabled,
+no fault", and so may a drive whose torque transducer reads another value. The expected state is
+computed from the commands and their ramps. A drive may lag, and a shaft that is free to turn takes
+less torque than commanded, so that the reading is compared with a band.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from torquebench.units import RPM_PER_RAD_S
 __all__ = ["FollowingJudge"]
 
 DEVIATING_S = 0.1
-"""Longest time that a drive may be outside its band, s of bench time; at least one block."""
+"""Longest time for which a drive may be outside its band, s of bench time; at least one block."""
 
 
 class _Ramp:
-    """State of a drive that follows at once, now and a little earlier.
+    """Expected state of a drive, without delay and with the largest allowed delay.
 
     It is an interval: a drive may start the ramp of a newly controlled quantity at zero or at its
     present value.
@@ -52,7 +52,7 @@ class _Ramp:
         self.deviating_s = 0.0
 
     def go_on(self, point: SetPoint, stop_s: float, late_s: float) -> None:
-        """Advance to a time, towards a set point that the drive may follow late."""
+        """Advance to a time towards a set point that the drive may follow with a delay."""
         asked = replace(point, told_s=math.inf)  # a repeated command doesn't restart the ramp
         if asked != self._point:
             self._time_s = max(self._time_s, point.asked_s)
@@ -64,7 +64,9 @@ class _Ramp:
         self._ends = low, high
         self._time_s = stop_s
         self._before.append((stop_s, low, high))
-        late_s += point.told_s - point.asked_s  # infinite while the drive hasn't taken the command
+        late_s += (
+            point.told_s - point.asked_s
+        )  # infinite while the drive hasn't received the command
         while self._before[0][0] < stop_s - late_s:
             self._before.popleft()
 
@@ -79,11 +81,11 @@ class _Ramp:
 
 
 class FollowingJudge:
-    """Compares a drive's commands with the bench's readings; called by acquisition's thread.
+    """Comparison of a drive's commands with the bench's readings; called by acquisition's thread.
 
-    With a standard mounted the flanges are held, so the whole commanded torque must be there, also
-    while the standard's shaft is brought to another speed. With a reducer, which may turn, the
-    controlled quantity is compared: torque or speed between zero and the command.
+    With a standard mounted the flanges are fixed, so that the reading must equal the commanded
+    torque, even while the standard's shaft changes its speed. With a reducer, which may turn, the
+    controlled quantity (torque or speed) must be between zero and the command.
 
     Parameters
     ----------
@@ -99,18 +101,18 @@ class FollowingJudge:
         self._ramps: dict[Side, _Ramp] = {}
 
     def forget(self) -> None:
-        """Begin afresh after an acknowledgement."""
+        """Restart the comparison after an acknowledgement."""
         self._ramps.clear()
 
     def judge(self, block: Block) -> Violation | None:
-        """Check a block; return a drive's deviation from its commands."""
+        """Check a block; return a violation if a drive deviates from its commands."""
         for side in SIDES:
             commands = self._commands.side(side)
             if not (self._share and commands.enabled):
                 self._ramps.pop(side, None)
                 continue
             held = reference_channel(side) in block.records
-            # with a standard, the speed is that of its shaft, not of the drive
+            # with a standard, this is the speed of its shaft, not of the drive
             quantity: Quantity = "torque" if held else commands.controls
             found = self._judge(side, quantity, commands.set_points[quantity], block, held=held)
             if found is not None:
@@ -123,13 +125,13 @@ class FollowingJudge:
         values = _values(quantity, side, block)
         known = values[np.isfinite(values)]
         if known.size == 0:
-            return None  # a missing signal is checked elsewhere
+            return None  # a missing signal is checked by `SignalJudge`
         last = float(known[-1])
         ramp = self._ramps.get(side)
         if ramp is None or ramp.quantity != quantity:
             ramp = self._ramps[side] = _Ramp(quantity, block.start_s, last)
         lasts_s = block.stop_s - block.start_s
-        # A command within a block shows at its end, and a speed is the mean over a block.
+        # A command within a block shows at the block's end, and a speed is a mean over the block.
         ramp.go_on(point, block.stop_s, self._late_s + 2.0 * lasts_s)
         low, high = ramp.band()
         if not held:

@@ -44,18 +44,18 @@ class Heartbeats:
         self.present = ""
 
     def expect(self, name: str, timeout_s: float, ping: Callable[[], None] | None = None) -> None:
-        """Require a heartbeat from now on; `ping` may ask for it; see `ask`."""
+        """Require a heartbeat from now on; `ping` may request it, see `ask`."""
         with self._lock:
             self._beats[name] = _Heartbeat(timeout_s, self._now(), ping)
 
     def beat(self, name: str) -> None:
-        """Note that the named part lives."""
+        """Record a heartbeat."""
         heartbeat = self._beats.get(name)
         if heartbeat is not None:
             heartbeat.last_s = self._now()
 
     def release(self, name: str) -> None:
-        """Require the heartbeat no longer."""
+        """Stop requiring the heartbeat."""
         with self._lock:
             self._beats.pop(name, None)
 
@@ -65,17 +65,17 @@ class Heartbeats:
         self._present_until = time.monotonic() + self._presence_s
 
     def present_s(self) -> float:
-        """How long the last confirmation still counts, wall s; 0 if none does."""
+        """Remaining validity of the confirmation of presence, s of wall time; 0 without one."""
         return max(0.0, self._present_until - time.monotonic())
 
     def absent_s(self) -> float:
-        """Time since the last confirmation of presence beyond the limit, wall s; 0 within it."""
+        """Time since the confirmation of presence expired, s of wall time; 0 while valid."""
         if self._presence_s <= 0.0:
             return 0.0
         return max(0.0, time.monotonic() - self._present_until)
 
     def missing(self) -> Violation | None:
-        """Return what is missing."""
+        """Return a violation if a heartbeat or a confirmation is missing."""
         if self.absent_s() > 0.0:
             return Violation(
                 AlarmKind.PRESENCE,
@@ -104,9 +104,9 @@ class Heartbeats:
         return None
 
     def ask(self) -> None:
-        """Ask all sources with a callback for a heartbeat."""
+        """Request a heartbeat from all sources with a callback."""
         with self._lock:
             pings = [each.ping for each in self._beats.values() if each.ping is not None]
         for ping in pings:
-            with contextlib.suppress(Exception):  # a source that can't be asked gives no heartbeat
+            with contextlib.suppress(Exception):  # a source that can't be called gives no heartbeat
                 ping()

@@ -1,4 +1,4 @@
-"""Limits in force: those of the bench description, and tighter ones of a step."""
+"""Limits in force: those of the bench description, and narrower limits of a step."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class StepLimits:
     angle_deg : float, optional
         Largest angle from the position at the beginning of the step, degrees.
     torque_rate_nm_per_s, speed_rate_rpm_per_s : float, optional
-        How fast torque and speed may change.
+        Largest changes of torque and speed per second.
     """
 
     side: Side
@@ -41,7 +41,7 @@ class StepLimits:
 
 @dataclass(frozen=True)
 class SideLimits:
-    """Limits in force on one side; infinity without a limit. Fields as `StepLimits`."""
+    """Limits in force on one side, with the fields of `StepLimits`; infinity for no limit."""
 
     torque_nm: float
     speed_rpm: float
@@ -52,7 +52,7 @@ class SideLimits:
 
 
 def tightened(limits: SideLimits, step: StepLimits) -> SideLimits:
-    """Return limits of which none is wider than before.
+    """Return the limits narrowed by those of a step; none becomes wider.
 
     Examples
     --------
@@ -87,14 +87,14 @@ class LimitBook:
             self._own[side] = SideLimits(**given)
         self._present = dict(self._own)
         self.angle_changes = dict.fromkeys(SIDES, 0)
-        """Grows with every new limit of an angle: from then on it is counted afresh."""
+        """Counts new limits of an angle by side: after each, the angle is counted afresh."""
 
     def side(self, side: Side) -> SideLimits:
         """Limits in force on a side."""
         return self._present[side]
 
     def tighten(self, *steps: StepLimits) -> tuple[int, ...]:
-        """Put narrower limits in force; return the key for `loosen`."""
+        """Add narrower limits; return their keys for `loosen`."""
         with self._lock:
             numbers = []
             for step in steps:
@@ -107,7 +107,7 @@ class LimitBook:
             return tuple(numbers)
 
     def loosen(self, numbers: tuple[int, ...] | None = None) -> None:
-        """Take narrower limits back; without numbers all of them."""
+        """Remove narrower limits; without numbers, all of them."""
         with self._lock:
             for number in tuple(self._steps) if numbers is None else numbers:
                 self._steps.pop(number, None)
@@ -121,7 +121,7 @@ class LimitBook:
 
     @contextmanager
     def within(self, *steps: StepLimits) -> Iterator[None]:
-        """Keep narrower limits in force for a while."""
+        """Apply narrower limits within a `with` block."""
         numbers = self.tighten(*steps)
         try:
             yield
@@ -131,7 +131,7 @@ class LimitBook:
 
 @dataclass
 class Watch:
-    """The level of one watched quantity, with hysteresis.
+    """Alarm level of one monitored quantity, with hysteresis.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ class Watch:
     number: int = 0
 
     def judge(self, value: float, limit: float, warning: float, hysteresis: float) -> bool:
-        """Take a new value; True when the level changed.
+        """Evaluate a new value; return whether the level changed.
 
         The level falls only when the value is below its threshold by the hysteresis. NaN doesn't
         change it: a missing signal is checked elsewhere.

@@ -1,12 +1,12 @@
 """Processor priority for the threads that safety depends on.
 
-A violation between two checks is delayed by other programs on the processor, by another thread that
-holds the interpreter, and by other programs again while that thread waits. So acquisition and
-supervisor request real-time priority, all other threads of the process a higher priority than other
+The reaction to a violation can be delayed by other programs on the processor, and by another thread
+that holds the interpreter, which other programs can delay in turn. Acquisition and supervisor
+therefore request real-time priority, all other threads of the process a higher priority than other
 programs, and the interpreter switches threads quickly. Garbage collection, which stops all threads,
-leaves out what was there before the bench. A priority that the system doesn't grant stays as it
-was, with a message. `TORQUEBENCH_PRIORITY=usual` requests nothing, for computers on which other
-programs matter more.
+skips objects that existed before the bench was opened. If the system doesn't grant a priority, it
+stays unchanged, with a message. `TORQUEBENCH_PRIORITY=usual` requests nothing, for computers on
+which other programs matter more.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ BEST, USUAL = "best", "usual"
 
 NICENESS = -10
 REAL_TIME_LEVEL = 1
-"""The lowest real-time priority: above every usual program, below the system's own."""
+"""The lowest real-time priority: above every usual program, below the system's own threads."""
 SWITCH_INTERVAL_S = 0.0002
 """Longest time that one thread keeps the interpreter when another waits, s; Python's is 5 ms."""
 
@@ -43,12 +43,12 @@ class Priority(IntEnum):
 
     @property
     def description(self) -> str:
-        """In words, for a record."""
+        """Priority in words, for a record."""
         return self.name.lower().replace("_", "-")
 
 
 def _asked() -> bool:
-    """Whether priority is requested at all."""
+    """Whether a priority is requested at all."""
     asked = os.environ.get(PRIORITY) or BEST
     if asked not in (BEST, USUAL):
         raise InputError(
@@ -91,8 +91,8 @@ def available_priority() -> Priority:
 
 
 def _set_niceness(thread: int, niceness: int) -> bool:
-    """Set the niceness of one thread (0: the caller's); True if granted."""
-    if sys.platform != "linux":  # other systems have no niceness of a thread
+    """Set the niceness of one thread (0: the caller's); return whether it was granted."""
+    if sys.platform != "linux":  # other systems have no niceness of threads
         return False
     with contextlib.suppress(OSError):  # not permitted, or the thread has ended
         os.setpriority(os.PRIO_PROCESS, thread, niceness)
@@ -101,7 +101,7 @@ def _set_niceness(thread: int, niceness: int) -> bool:
 
 
 class _Lift:
-    """Counts the benches in real time; prefers the process as long as there is one."""
+    """Counter of open benches in real time: the process has priority while there is one."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -116,7 +116,7 @@ class _Lift:
                 return
             niceness = os.getpriority(os.PRIO_PROCESS, 0) if sys.platform == "linux" else 0
             self._before = (sys.getswitchinterval(), niceness)
-            gc.freeze()  # walking through all objects of all libraries takes 0.1 to 0.4 s
+            gc.freeze()  # walking through the objects of all libraries takes 0.1 to 0.4 s
             lifted = min(niceness, NICENESS) if asked else niceness
             self._apply(min(sys.getswitchinterval(), SWITCH_INTERVAL_S), lifted)
 

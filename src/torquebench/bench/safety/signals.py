@@ -1,8 +1,7 @@
 """Checks of the counter's signals: torque, speed, angle, temperature, rates and freshness.
 
-Two stages: a fast check of the bare edges of a few milliseconds, in real time, so that the drives
-are stopped at once; and a check of every block after the whole signal path, where faults are
-marked.
+There are two stages: a fast check of the raw edges of a few milliseconds, in real time, so that the
+drives are stopped at once; and a check of every evaluated block, whose faults are marked.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ __all__ = ["Change", "FastCheck", "SignalJudge"]
 TEMPERATURE_WARNING_K = 5.0
 TEMPERATURE_HYSTERESIS_K = 1.0
 FEW_EDGES = 8
-"""Fewer edges in one fast check give no frequency."""
+"""Smallest number of edges in one fast check that gives a frequency."""
 CLOCK_SETTLING_S = 1.0
 """Longest time at the start until the times of a read-out's samples are known, s."""
 OWN_KEPT_S = 2.0
@@ -51,7 +50,7 @@ class FastCheck(Protocol):
 
 @dataclass(frozen=True)
 class Change:
-    """A level that was reached, or ended (`violation` is then None)."""
+    """A level that was reached or ended (then `violation` is None)."""
 
     watch: Watch
     violation: Violation | None
@@ -59,28 +58,28 @@ class Change:
 
 @dataclass
 class _ChannelCheck:
-    """What is remembered of one torque channel; last values as time, s, and torque, N·m."""
+    """State of one torque channel between checks; last values as time, s, and torque, N·m."""
 
     before_slice: tuple[float, float] | None = None
     before_block: tuple[float, float] | None = None
     edges_until_s: float | None = None
-    """Time of the last edge of a working transducer."""
+    """Time of the last edge while the transducer worked."""
     faulty_s: float = 0.0
     """Duration of the fault at the end of the last block."""
     stated_until_s: float | None = None
     """End of the last valid sample of a read-out."""
     waiting: Record | None = None
-    """Values that aren't compared with the other transducer of their side yet, or may still be."""
+    """Values whose comparison with the other transducer of their side is pending."""
 
 
 @dataclass
 class _ShaftCheck:
-    """What is remembered of one shaft; last values as time, s, and speed, rpm."""
+    """State of one shaft between checks; last values as time, s, and speed, rpm."""
 
     before_slice: tuple[float, float] | None = None
     before_block: tuple[float, float] | None = None
     turns: tuple[float, float] | None = None
-    """Time, s, and turns of the last encoder sample."""
+    """Time, s, and angle in turns of the last encoder sample."""
     stood: tuple[tuple[int, float], float] | None = None
     """Limit of the angle with its number, and the angle from which it counts, degrees."""
 
@@ -97,7 +96,7 @@ _REMEDIES = {
 
 @dataclass
 class _Memory:
-    """What the judge remembers between two blocks; an acknowledgement begins with a new one."""
+    """State of the checks between two blocks; an acknowledgement resets it."""
 
     channels: dict[str, _ChannelCheck] = field(default_factory=dict)
     shafts: dict[Side, _ShaftCheck] = field(
@@ -109,7 +108,7 @@ class _Memory:
 
 
 class SignalJudge:
-    """Holds every signal against the limits in force; called by acquisition's thread only.
+    """Compares every signal with the limits in force; called by acquisition's thread only.
 
     Parameters
     ----------
@@ -117,7 +116,7 @@ class SignalJudge:
     limits : LimitBook
     commands : CommandState
     readout : ReferenceReadout, optional
-        Read-out of a standard that states torque itself, with its own clock.
+        Read-out of a standard that delivers torque itself, with its own clock.
     """
 
     def __init__(
@@ -141,7 +140,7 @@ class SignalJudge:
         self._violation: Violation | None = None
 
     def forget(self) -> None:
-        """Begin afresh after an acknowledgement, with the next check; from any thread."""
+        """Restart the checks after an acknowledgement, at the next check; from any thread."""
         self._forgetting = True
 
     def _begin(self) -> None:
@@ -164,12 +163,12 @@ class SignalJudge:
     def check_edges(
         self, measured: Block, channels: Mapping[str, FastCheck]
     ) -> tuple[Violation | None, list[Change]]:
-        """Check a few milliseconds of bare edges and encoder counts.
+        """Check the raw edges and encoder counts of a few milliseconds.
 
         Returns
         -------
         Violation or None, list of Change
-            The first violation of a limit, and warnings that came or went.
+            The first violation of a limit, and warnings that began or ended.
         """
         self._begin()
         for name, memory in self._memory.channels.items():
@@ -215,7 +214,7 @@ class SignalJudge:
             self._torque_rate(channel.side, name, abs(torque - before[1]) / (now_s - before[0]))
 
     def _turn(self, side: Side, angle: Record) -> None:
-        """Check how far a shaft has turned since the last sample of its encoder."""
+        """Check the angle of a shaft since the last sample of its encoder."""
         shaft = self._memory.shafts[side]
         per_turn = self._description.module(side).encoder.counts_per_revolution
         time_s, counts = angle.time_s, angle["angle_counts"]
@@ -232,10 +231,10 @@ class SignalJudge:
     # -- whole blocks -----------------------------------------------------------------------
 
     def judge(self, block: Block) -> tuple[Violation | None, list[Change]]:
-        """Judge a block after the whole signal path; returns like `check_edges`."""
+        """Check an evaluated block; return values like those of `check_edges`."""
         self._begin()
         for side in SIDES:
-            speed = block.speed_rad_s(side)  # a silent encoder is handled below
+            speed = block.speed_rad_s(side)  # silent encoders are handled below
             if not math.isnan(speed):
                 self._speed(side, speed * RPM_PER_RAD_S, block.stop_s, quick=False)
             angle = block.angle(side)
@@ -250,7 +249,9 @@ class SignalJudge:
         }
         for name, (side, record) in records.items():
             if len(record):
-                highest = float(np.fmax.reduce(np.abs(record["reading_nm"])))  # NaN isn't one
+                highest = float(
+                    np.fmax.reduce(np.abs(record["reading_nm"]))
+                )  # NaN isn't an extreme value
                 self._torque(side, name, highest)
                 self._rate_of_block(side, name, record)
         self._note_readout(block)
@@ -275,7 +276,7 @@ class SignalJudge:
         return self._result()
 
     def _slipped(self, side: Side, angle: Record) -> None:
-        """Check a polled encoder from the last sample before the block on: it may slip between."""
+        """Check a polled encoder since its last sample before the block: it may slip between."""
         shaft = self._memory.shafts[side]
         per_turn = self._description.module(side).encoder.counts_per_revolution
         first, last = (
@@ -291,7 +292,7 @@ class SignalJudge:
     def _temperature(self, side: Side, block: Block) -> None:
         probe = self._description.module(side).temperature_probe
         temperature = block.temperature_c(probe)
-        if math.isnan(temperature):  # a silent probe is handled as a lost signal
+        if math.isnan(temperature):  # silent probes are handled as lost signals
             return
         limit = self._limits.side(side).temperature_c
         self._level(
@@ -305,7 +306,7 @@ class SignalJudge:
         )
 
     def _rate_of_block(self, side: Side, name: str, record: Record) -> None:
-        """Judge the change from window to window, by the time from one to the next."""
+        """Check the change from window to window over the time between them."""
         if math.isinf(self._limits.side(side).torque_rate_nm_per_s):
             return
         window_s = self._description.counter.window_s
@@ -343,7 +344,7 @@ class SignalJudge:
         )
 
     def _faulty(self, name: str, record: Record, block: Block) -> None:
-        """Detect a channel that has no valid value for too long."""
+        """Detect a channel that has had no valid value for too long."""
         memory, fault = self._memory.channel(name), record["fault"]
         if memory.stated_until_s is not None and not np.any(fault == SignalFaultKind.STUCK):
             # The samples of a block's last period come with the next block.
@@ -353,7 +354,7 @@ class SignalJudge:
                 self._lost(name, _kind_of(fault), silent_s, allowed_s)
             return
         window_s = self._description.counter.window_s
-        if not len(record):  # no samples at all: as bad as a fault
+        if not len(record):  # no samples at all count as a fault
             memory.faulty_s += block.stop_s - block.start_s
             longest_s = memory.faulty_s
         else:
@@ -363,7 +364,7 @@ class SignalJudge:
             self._lost(name, _kind_of(fault), longest_s)
 
     def _note_readout(self, block: Block) -> None:
-        """Note the time of a standard's last sample, where it has a read-out."""
+        """Record the time of a standard's last sample, if it has a read-out."""
         if self._readout is None:
             return
         for side in SIDES:
@@ -395,7 +396,7 @@ class SignalJudge:
                 continue
             module = own.waiting = _appended(own.waiting, records[0])
             stated = _appended(standard.waiting, records[1])
-            # A standard's sample is compared once the module has been read that far beyond it.
+            # A standard's sample is compared once the module has been read far enough beyond it.
             due = stated.time_s + apart_s < block.stop_s
             standard.waiting, stated = stated.at(~due), stated.at(due)
             own.waiting = module.at(module.time_s > block.stop_s - OWN_KEPT_S)
@@ -407,7 +408,7 @@ class SignalJudge:
                 for i, k, value in zip(first, last, stated["reading_nm"], strict=True)
                 if k > i
             ]
-            # during the whole interval, not for a moment of a ramp
+            # during the whole interval, not only at a moment of a ramp
             least = min(deviations, default=0.0)
             allowed = share * self._description.module(side).range_nm
             if least > allowed:
@@ -438,7 +439,7 @@ class SignalJudge:
         )
 
     def _speed(self, side: Side, speed_rpm: float, now_s: float, *, quick: bool) -> None:
-        """Check a speed and its change since the last one, of slices (`quick`) or of blocks."""
+        """Check a speed and its change since the last one, for slices (`quick`) or for blocks."""
         self._speed_level(side, speed_rpm)
         shaft = self._memory.shafts[side]
         if quick:
@@ -525,19 +526,19 @@ class SignalJudge:
     def _violated(
         self, kind: AlarmKind, source: str, found: str, allowed: str, remedy: str
     ) -> None:
-        """Keep the first violation of a check."""
+        """Keep only the first violation of a check."""
         if self._violation is None:
             self._violation = Violation(kind, source, found, allowed, remedy)
 
 
 def _kind_of(fault: np.ndarray[tuple[int], np.dtype[np.uint8]]) -> SignalFaultKind:
-    """Return the gravest fault; without one, data are lost."""
+    """Return the most serious fault; data loss if there is none."""
     kind = SignalFaultKind(int(fault.max(initial=0)))
     return kind if kind.value else SignalFaultKind.LOST_DATA
 
 
 def _appended(before: Record | None, record: Record) -> Record:
-    """Append times and readings that are numbers."""
+    """Append times and readings, without NaN."""
     known = np.isfinite(record["reading_nm"])
     new = Record.unchecked(
         {name: record[name][known] for name in ("time_s", "reading_nm")}, int(known.sum())
@@ -548,7 +549,7 @@ def _appended(before: Record | None, record: Record) -> Record:
 def _faulty_time(
     faulty: np.ndarray[tuple[int], np.dtype[np.bool_]], before_s: float, window_s: float
 ) -> tuple[float, float]:
-    """Return the duration of the fault at the end, and its longest duration, s."""
+    """Return the duration of the fault at the end of the block, and of the longest fault, s."""
     present_s, longest_s = before_s, 0.0
     for wrong in faulty.tolist():
         present_s = present_s + window_s if wrong else 0.0

@@ -1,7 +1,7 @@
 """The way to the safe state: zero, power off, and both read back before work continues.
 
-A drive that takes an order hasn't carried it out. So its power state and the torque at its side
-are read after every stop, until both are gone.
+A drive that accepts a command may not have executed it. Its power state and the torque at its side
+are therefore read after every stop, until both are zero.
 """
 
 from __future__ import annotations
@@ -41,19 +41,19 @@ PRESS_STOP = (
 UNLOAD_SETTLING_S = 0.2
 """Settling time of shafts and drives after a ramp to zero, s of bench time."""
 GOING_OFF_S = 1.0
-"""Longest time until power and torque are gone, s, in addition to a drive's own watchdog."""
+"""Longest time until power and torque are zero, s, in addition to a drive's own watchdog time."""
 UNREAD_S = 0.5
-"""How long a torque reading is awaited after power is off, s."""
+"""Time for which a torque reading is awaited after power is off, s."""
 NEWS = 0.05
-"""An alarm that states the remaining torque is updated when it has changed by this share."""
+"""Change of the remaining torque, as a share of the range, after which the alarm is updated."""
 RETOLD_S = 1.0
-"""Interval at which a drive that is still on is told again to go off, s of wall time."""
+"""Interval at which a drive that is still on is commanded to switch off again, s of wall time."""
 READ_PERIOD_S = 0.005
-"""Interval at which a drive that was switched off is read, s of wall time."""
+"""Interval at which a drive that was switched off is polled, s of wall time."""
 FAST_PATIENCE = 15.0
-"""Factor of times by the wall clock in simulated time, which stands meanwhile."""
+"""Factor on wall-clock times in simulated time, which stops meanwhile."""
 NO_SET_POINT = 1e-3
-"""A set point below this share of the range is zero."""
+"""Share of the range below which a set point counts as zero."""
 
 
 class Stage(Enum):
@@ -66,7 +66,7 @@ class Stage(Enum):
 
 
 class Deadline:
-    """A time-out of `lasts_s` in bench time, of `longest_wall_s` in wall time where that stands."""
+    """A time-out: `lasts_s` of bench time, or `longest_wall_s` of wall time if that stops."""
 
     def __init__(self, clock: BenchClock, lasts_s: float, longest_wall_s: float) -> None:
         self._clock = clock
@@ -74,16 +74,16 @@ class Deadline:
         self._wall_s = time.monotonic() + longest_wall_s
 
     def passed(self, now_s: float | None = None) -> bool:
-        """Whether it is over, at a bench time or now."""
+        """Return whether the time-out is over, at a bench time or now."""
         now_s = self._clock.now() if now_s is None else now_s
         return now_s > self._bench_s - 1e-6 or time.monotonic() > self._wall_s
 
 
 @dataclass(frozen=True)
 class Remaining:
-    """Power and torque of one side after a stop, as read back.
+    """Remaining power and torque of one side after a stop, as read back.
 
-    `power` is None where the drive doesn't say; `torque_nm` is NaN if it can't be read.
+    `power` is None if the drive doesn't report it; `torque_nm` is NaN if it can't be read.
     """
 
     side: Side
@@ -102,7 +102,7 @@ class Remaining:
 
     @property
     def words(self) -> str:
-        """Describe power and torque of the side."""
+        """Text about power and torque of the side."""
         if math.isnan(self.torque_nm):
             torque = "torque can't be read"
         else:
@@ -123,7 +123,7 @@ class ReadBack:
         self._torque: dict[Side, tuple[float, float]] = {}
 
     def take(self, block: Block) -> None:
-        """Store the newest torque of each side: its own, otherwise the mounted standard's."""
+        """Store the newest torque of each side: the module's, otherwise the mounted standard's."""
         for side in SIDES:
             for name in (torque_channel(side), reference_channel(side)):
                 record = block.records.get(name)
@@ -142,7 +142,7 @@ class ReadBack:
         return 0.0 if abs(torque_nm) <= self._description.unloaded_nm(side) else torque_nm
 
     def at_zero(self, since_s: float, since: float) -> bool:
-        """Whether every drive is off or at zero set points, and no torque is read.
+        """Return whether every drive is off or at zero set points, and no torque is read.
 
         Readings before `since_s` of bench time and `since` of `time.monotonic` don't count.
         """
@@ -161,7 +161,7 @@ class ReadBack:
         )
 
     def remaining(self, since_s: float, since: float, *, torque: bool) -> list[Remaining]:
-        """Return power and torque of each side; with `torque` False that isn't a drive's.
+        """Return power and torque of each side, with `torque` False only torque of a drive.
 
         Readings count as in `at_zero`.
         """
@@ -173,7 +173,7 @@ class ReadBack:
         return found
 
     def allowed(self) -> str:
-        """Describe the safe state."""
+        """Return the description of the safe state."""
         limits = Message.joined(
             Message("{value:g} N·m at the {side}", self._description.unloaded_nm(side), side)
             for side in self._workers
@@ -182,14 +182,14 @@ class ReadBack:
 
 
 def said(remaining: Iterable[Remaining]) -> str:
-    """Describe remaining torque and power of the sides."""
+    """Describe the remaining torque and power of the sides."""
     return Message.joined((each.words for each in remaining if not each.gone), "; ")
 
 
 class StopSequence:
-    """The way of both drives to the safe state, step by step; its caller holds the lock.
+    """Sequence that brings both drives to the safe state; its caller holds the lock.
 
-    The book of alarms gets those about power and torque that remain.
+    It adds alarms about remaining power and torque to the book of alarms.
     """
 
     def __init__(
@@ -207,11 +207,11 @@ class StopSequence:
         self._book = book
         self.read_back = ReadBack(description, workers)
         self.stage = Stage.SAFE
-        self.powered = False  # since power and torque were last read back as gone
-        self.news: list[int] = []  # numbers of alarms that are announced without the lock
+        self.powered = False  # since power and torque were last read back as zero
+        self.news: list[int] = []  # numbers of alarms to be announced without the lock
         self._began_s, self._began = 0.0, 0.0  # of the stage, in bench and wall time
         self._deadline = self._unread = Deadline(clock, 0.0, 0.0)
-        self._ended = threading.Event()  # the safe state is reached, or given up
+        self._ended = threading.Event()  # the safe state is reached, or the sequence has given up
         self._ended.set()
         self._unloaded_s = 0.0
         self._off_s: float | None = None  # bench time of the last orderly switching off
@@ -220,7 +220,7 @@ class StopSequence:
         self._stated: list[Remaining] = []
 
     def wait(self, timeout_s: float) -> None:
-        """Wait (wall time) until the safe state is reached, or given up."""
+        """Wait (wall time) until the safe state is reached or the sequence gives up."""
         self._ended.wait(timeout_s)
 
     def remaining(self) -> list[Remaining]:
@@ -228,7 +228,7 @@ class StopSequence:
         return self.read_back.remaining(self._began_s, self._began, torque=self.powered)
 
     def begin_ramp(self) -> None:
-        """Start a ramp's time; power goes off when zero is read back or the time is over."""
+        """Start a ramp's time: power goes off when zero is read back or the time is over."""
         safety = self._description.safety
         lasts_s = safety.ramp_to_zero_s + UNLOAD_SETTLING_S + self._description.counter.block_s
         self._enter(Stage.RAMPING, lasts_s, safety.stall_s)
@@ -241,14 +241,14 @@ class StopSequence:
         self._ended.clear()
 
     def ramp_to_zero(self, side: Side, ramp_s: float) -> None:
-        """Tell a drive to go to zero torque and speed, and disable one that can't."""
+        """Command a drive to zero torque and speed; disable it if that fails."""
         commands = self._commands.side(side)
         asked = commands.ask_zero(self._clock.now(), ramp_s)  # the drive may move at once
         self._workers[side].ramp_to_zero(ramp_s)
         commands.told_zero(asked, self._clock.present())
 
     def unload(self, sides: Iterable[Side] = SIDES) -> float:
-        """Ramp drives to zero at their own rates; return the bench time until they settle, s."""
+        """Ramp drives to zero at their own rates; return the bench time until it is done, s."""
         now, present = self._clock.now(), self._clock.present()
         for side in sides:
             commands, rates = self._commands.side(side), self._description.module(side).drive
@@ -257,13 +257,13 @@ class StopSequence:
                 abs(commands.speed_rad_s) / rates.speed_rate_rad_per_s2,
                 commands.uncertain_s,
             )
-            if commands.enabled and ramp_s > 0.0:  # otherwise it is at zero, or on its way
+            if commands.enabled and ramp_s > 0.0:  # otherwise the drive is at zero, or on its way
                 self.ramp_to_zero(side, ramp_s)
                 self._unloaded_s = max(self._unloaded_s, present + ramp_s + UNLOAD_SETTLING_S)
         return max(0.0, self._unloaded_s - now)
 
     def advance(self, now_s: float) -> Violation | None:
-        """Take the next step to the safe state; return a reason to stop the bench again."""
+        """Take the next step to the safe state; return a violation that demands a new stop."""
         stage, since_s, since = self.stage, self._began_s, self._began
         if stage is Stage.RAMPING:
             if self._deadline.passed(now_s) or self.read_back.at_zero(since_s, since):
@@ -281,7 +281,7 @@ class StopSequence:
         return None
 
     def _take_power_off(self) -> None:
-        """Take the power off both drives; from now on their watchdogs aren't fed."""
+        """Switch off the power of both drives; their watchdogs aren't fed from now on."""
         drives = [self._description.module(side).drive for side in self._workers]
         lasts_s = max(drive.watchdog_s for drive in drives) + GOING_OFF_S
         lasts_s += self._description.safety.ramp_to_zero_s + self._description.counter.block_s
@@ -293,13 +293,13 @@ class StopSequence:
             worker.disable(lambda _told: None)
 
     def _await_off(self, now_s: float) -> None:
-        """Read back whether power and torque are gone; raise an alarm where they aren't in time."""
+        """Read back whether power and torque are zero; raise an alarm if they aren't in time."""
         found = self.remaining()
         known = [each for each in found if each.known]
         if all(each.gone for each in found):
             self.powered = False
         if not known:
-            # A torque that can't be read delays the acknowledgement only.
+            # A torque that can't be read only delays the acknowledgement.
             if all(each.gone for each in found) or self._unread.passed(now_s):
                 self.stage = Stage.SAFE
                 self._ended.set()
@@ -316,7 +316,7 @@ class StopSequence:
                     self._workers[side].disable(lambda _told: None)
 
     def _state_what_is_on(self, known: Sequence[Remaining]) -> None:
-        """State remaining power and torque in the alarm, again after each change."""
+        """State remaining power and torque in the alarm, and again after each change."""
         latched, found = self._book.latched, self.not_safe(known)
         if latched is None or latched.kind is not AlarmKind.NOT_SAFE:
             self.news.append(self._book.add(found.alarm(self._clock.now())).number)
@@ -328,7 +328,7 @@ class StopSequence:
         self._stated = list(known)
 
     def _differs(self, known: Sequence[Remaining]) -> bool:
-        """Whether the state has changed: another power state, or 5 % of the range."""
+        """Return whether the power state has changed, or the torque by 5 % of the range."""
         if [(each.side, each.power) for each in known] != [
             (each.side, each.power) for each in self._stated
         ]:
@@ -340,7 +340,7 @@ class StopSequence:
         )
 
     def _watch_torque_go(self, now_s: float) -> Violation | None:
-        """Check that torque goes after an orderly stop; return torque that a drive may cause."""
+        """Check that torque falls after an orderly stop; return a violation by a drive."""
         if self._off_s is None:
             self._off_s = now_s
         found = self.read_back.remaining(self._off_s, self._began, torque=True)
@@ -366,21 +366,21 @@ class StopSequence:
         return None
 
     def much_nm(self, side: Side) -> float:
-        """Torque that a drive may cause, beyond what friction holds in a shaft, N·m."""
+        """Torque above which a drive, and not friction in a shaft, must be its cause, N·m."""
         share = self._description.safety.following_percent / 100.0
         return share * self._description.module(side).range_nm
 
     def not_safe(self, remaining: Sequence[Remaining]) -> Violation:
-        """Return the message about remaining power and torque."""
+        """Return the violation about remaining power and torque."""
         sides = " and ".join(each.side for each in remaining)
         return Violation(
             AlarmKind.NOT_SAFE, sides, said(remaining), self.read_back.allowed(), PRESS_STOP
         )
 
     def read_off(self, sides: Sequence[Side], *, torque: bool) -> Violation | None:
-        """Wait until drives are read back as off, with `torque` also without it; else return why.
+        """Wait until drives, or also torques, are read back as off; else return a violation.
 
-        Called without the supervisor's lock.
+        To be called without the supervisor's lock.
         """
         begun, begun_s = time.monotonic(), self._clock.now() - GOING_OFF_S
         while True:

@@ -1,9 +1,9 @@
 """The supervisor: monitors the bench independently of procedures and brings it to a safe state.
 
-Acquisition passes each block to the supervisor first; a thread of its own monitors drives,
-heartbeats, the operator's presence and acquisition itself. So it acts when the run engine hangs,
-when the event loop is blocked and when acquisition stalls. When the whole process is gone, the
-drives' watchdogs are no longer fed and act.
+Acquisition passes each block to the supervisor first; the supervisor's own thread monitors drives,
+heartbeats, the operator's presence and acquisition itself. It therefore acts when the run engine
+hangs, when the event loop is blocked and when acquisition stalls. If the whole process ends, the
+drives' watchdogs are no longer fed and stop the drives.
 """
 
 from __future__ import annotations
@@ -61,17 +61,18 @@ logger = logging.getLogger(__name__)
 WATCH_PERIOD_S = 0.005
 """Interval of the supervisor's thread in real time, s of wall time."""
 IDLE_PERIOD_S = 0.05
-"""The same in simulated time, where most checks are made by acquisition, block by block."""
+"""Interval of that thread in simulated time, in which acquisition makes most checks, block by
+block."""
 FAST_SILENCE_S = 0.5
-"""In simulated time, drives are polled without a block after this time, s of wall time."""
+"""Time without a block after which the drives are polled in simulated time, s of wall time."""
 DRIVE_PATIENCE_S = 0.1
-"""How long simulated time waits for a slow drive, s of wall time."""
+"""Longest time for which simulated time waits for a slow drive, s of wall time."""
 ANSWER_S = 10.0
-"""Longest time for switching a drive off, with all attempts of its link, s of wall time."""
+"""Longest time for switching a drive off, with all attempts of its connection, s of wall time."""
 
 
 class SafetySupervisor:
-    """Watches limits, signals, drives and heartbeats; ramps to zero, stops, disables, latches.
+    """Monitors limits, signals, drives and heartbeats; ramps to zero, stops, disables and latches.
 
     Parameters
     ----------
@@ -86,7 +87,7 @@ class SafetySupervisor:
     limits : LimitBook
         The limits in force; steps of a procedure tighten them.
     heartbeats : Heartbeats
-        Who has to show signs of life.
+        Required heartbeats.
     """
 
     def __init__(
@@ -114,7 +115,7 @@ class SafetySupervisor:
         self._stop = StopSequence(description, clock, commands, self._workers, self._book)
         self._unreachable_since: dict[Side, float] = {}
         self._on_since: dict[Side, float] = {}
-        self._late: int | None = None  # number of the warning that acquisition is late
+        self._late: int | None = None  # number of the warning about late acquisition
         self._failed = ""
         self._busy_since: float | None = None
         self._checked_wall = time.monotonic()
@@ -127,7 +128,7 @@ class SafetySupervisor:
 
     @property
     def alarm(self) -> Alarm | None:
-        """The latched alarm, None when there is none."""
+        """The latched alarm; None if there is none."""
         return self._book.latched
 
     @property
@@ -137,7 +138,7 @@ class SafetySupervisor:
 
     @property
     def history(self) -> tuple[Alarm, ...]:
-        """Every critical alarm since the bench was opened, later causes of a latched one too."""
+        """Every critical alarm since the bench was opened, with later causes of a latched one."""
         critical = AlarmLevel.CRITICAL
         return tuple(each.alarm for each in self._book.entries if each.alarm.level is critical)
 
@@ -148,12 +149,12 @@ class SafetySupervisor:
 
     @property
     def safe(self) -> bool:
-        """Whether the bench is at rest: after an alarm, the safe state was read back."""
+        """Whether the bench is at rest: after an alarm, the safe state has been read back."""
         return self._stop.stage is Stage.SAFE
 
     @property
     def unsafe(self) -> Alarm | None:
-        """The alarm about remaining power or torque after a stop; None if none is known."""
+        """The alarm about remaining power or torque after a stop; None if there is none."""
         latched = self._book.latched
         if latched is None or latched.kind is not AlarmKind.NOT_SAFE or self.safe:
             return None
@@ -161,7 +162,7 @@ class SafetySupervisor:
 
     @property
     def unconfirmed(self) -> bool:
-        """Whether drives had power that wasn't read back as off since."""
+        """Whether drives had power and haven't been read back as off since."""
         return self._stop.powered
 
     def raise_if_latched(self) -> None:
@@ -171,24 +172,24 @@ class SafetySupervisor:
             raise alarm.error()
 
     def wait_safe(self, timeout_s: float) -> bool:
-        """Wait (wall time) until the safe state was read back; False when it isn't reached."""
+        """Wait (wall time) until the safe state is read back; return False if it isn't reached."""
         self._stop.wait(timeout_s)
         return self.safe
 
     def still_on(self) -> Sequence[Remaining]:
-        """Return power and torque that remain by reading back, or may remain.
+        """Return power and torque that remain, or may remain, by reading back.
 
-        Nothing while drives are meant to have power.
+        Empty while drives are supposed to have power.
         """
         if self._commands.any_enabled and self._book.latched is None:
             return ()
         return [each for each in self._stop.remaining() if not each.gone]
 
     def acknowledge(self, who: str, seen: Collection[int] | None = None) -> Alarm | None:
-        """Clear the latched alarm, once the safe state was read back; return the cleared alarm.
+        """Acknowledge the latched alarm after the safe state was read back; return this alarm.
 
-        A cause that is still there, such as heat within the hysteresis of its limit, raises its
-        alarm again at once.
+        If the cause persists, for example a temperature within the hysteresis of its limit, the
+        alarm is raised again at once.
 
         Parameters
         ----------
@@ -230,14 +231,14 @@ class SafetySupervisor:
         return alarm
 
     def subscribe(self, listener: Callable[[RaisedAlarm], None]) -> None:
-        """Call this when an alarm or a warning comes, is cleared or is acknowledged.
+        """Call this function when an alarm or a warning is raised, cleared or acknowledged.
 
-        Called in the supervisor's or acquisition's thread: it must be fast.
+        It is called in the supervisor's or acquisition's thread, and must be fast.
         """
         self._book.subscribe(listener)
 
     def warn(self, kind: AlarmKind, source: str, found: str, allowed: str, remedy: str) -> Alarm:
-        """Raise a warning, which doesn't stop the bench and lasts until acknowledged or cleared."""
+        """Raise a warning: it doesn't stop the bench, and lasts until acknowledged or cleared."""
         alarm = self._book.add(
             Alarm(kind, source, found, allowed, remedy, self._clock.now(), AlarmLevel.WARNING)
         )
@@ -245,14 +246,14 @@ class SafetySupervisor:
         return alarm
 
     def clear_warning(self, number: int) -> None:
-        """Clear a warning whose cause is gone."""
+        """Clear a warning whose cause has disappeared."""
         self._book.clear(number)
 
     # -- called by acquisition --------------------------------------------------------------
 
     @contextlib.contextmanager
     def guarding_block(self) -> Iterator[None]:
-        """Report a stall if one block takes longer than `stall_s` of wall time."""
+        """Report a stall if a block takes longer than `stall_s` of wall time."""
         self._busy_since = time.monotonic()
         try:
             yield
@@ -260,16 +261,18 @@ class SafetySupervisor:
             self._busy_since = None
 
     def check_edges(self, measured: Block, channels: Mapping[str, FastCheck]) -> None:
-        """Check the bare edges of a few milliseconds, before they become samples."""
-        self._busy_since = time.monotonic()  # part of a block arrived, so acquisition doesn't stall
+        """Check the raw edges of a few milliseconds, before they become samples."""
+        self._busy_since = (
+            time.monotonic()
+        )  # part of a block has arrived, so that acquisition isn't stalled
         self._act(*self._signals.check_edges(measured, channels))
 
     def check(self, block: Block) -> None:
-        """Check a block; act on violations, continue an action that has begun."""
+        """Check a block, react to violations, and continue a stop that has begun."""
         self._checked_wall = time.monotonic()
         self._act(*self._signals.judge(block))
         self._stop.read_back.take(block)
-        # bench time passes only with blocks, so the other checks are made with them
+        # bench time passes only with blocks, so that the other checks are made with them
         if self._clock.fast:
             self._look_around()
         self._go_on(block.stop_s)
@@ -288,7 +291,7 @@ class SafetySupervisor:
                 ).number
 
     def _with_the_drives_words(self, violation: Violation) -> Violation:
-        """Add what the drive states about a command that it doesn't follow."""
+        """Add the drive's own report to a violation about a command that it doesn't follow."""
         if violation.kind is not AlarmKind.FOLLOWING:
             return violation
         state = next(w.state for side, w in self._workers.items() if side == violation.source)
@@ -298,7 +301,7 @@ class SafetySupervisor:
         return replace(violation, found=words)
 
     def check_lateness(self, late_s: float, allowed_s: float) -> None:
-        """Check how late acquisition is: with power on that stops the bench, else it is shown."""
+        """Check acquisition's delay: with power on it stops the bench, otherwise it is shown."""
         if late_s <= allowed_s:
             if self._late is not None:
                 self._book.clear(self._late)
@@ -315,7 +318,7 @@ class SafetySupervisor:
     # -- drives and heartbeats --------------------------------------------------------------
 
     def _look_around(self) -> None:
-        """Poll the drives, feed their watchdogs and check the heartbeats."""
+        """Poll the drives, feed their watchdogs, and check the heartbeats."""
         latched = self._book.latched is not None
         for side in self._workers:
             if not self._commands.side(side).enabled:
@@ -324,7 +327,7 @@ class SafetySupervisor:
                 self._stop.powered = True
                 self._enabled_since.setdefault(side, time.monotonic())
         feed = not latched or self._stop.stage is Stage.RAMPING
-        self.heartbeats.ask()  # also without power: heartbeats must be present when power comes on
+        self.heartbeats.ask()  # also without power: they must be present when it comes on
         for worker in self._workers.values():
             worker.ask(feed=feed)
         for worker in self._workers.values():
@@ -357,7 +360,7 @@ class SafetySupervisor:
         return None
 
     def _unasked_power(self) -> Violation | None:
-        """Detect a drive that has power without a command."""
+        """Return a violation if a drive has power without a command."""
         now = self._clock.now() if self._clock.fast else time.monotonic()
         for side, worker in self._workers.items():
             commands = self._commands.side(side)
@@ -374,7 +377,7 @@ class SafetySupervisor:
     def trip(self, kind: AlarmKind, source: str, found: str, allowed: str, remedy: str) -> Alarm:
         """Bring the bench to its safe state and latch an alarm; callable from any thread.
 
-        While one alarm is latched a further one is only added to the history.
+        While an alarm is latched, further alarms are only added to the history.
         """
         with self._lock:
             first = self._book.latched is None
@@ -409,21 +412,21 @@ class SafetySupervisor:
         return self.trip(found.kind, found.source, found.found, found.allowed, found.remedy)
 
     def unload(self, sides: Iterable[Side] = SIDES) -> float:
-        """Bring drives to zero torque and speed at their usual rates, without an alarm.
+        """Ramp drives to zero torque and speed at their usual rates, without an alarm.
 
         Returns
         -------
         float
-            Bench time until they are there and have settled, s; 0 where they are already.
+            Bench time until they are at zero and have settled, s; 0 if they already are.
         """
         with self._lock:
             return self._stop.unload(sides)
 
     def disable(self) -> None:
-        """Switch off both drives after an operation; check that the power goes.
+        """Switch off both drives after an operation, and check that the power goes off.
 
-        With an alarm latched the supervisor does so by itself, after the ramp. A drive that doesn't
-        take the command causes an alarm.
+        With an alarm latched, the supervisor does this by itself after the ramp. A drive that
+        doesn't accept the command causes an alarm.
         """
         with self._lock:
             if self._book.latched is not None and self._stop.stage is not Stage.SAFE:
@@ -447,7 +450,7 @@ class SafetySupervisor:
         sides : sequence of {"input", "output"}
             Drives that were switched off.
         torque : bool
-            Whether the torque must be zero, too.
+            Whether the torque must also be zero.
         """
         if self._book.latched is not None:
             self.wait_safe(GOING_OFF_S)
@@ -481,7 +484,7 @@ class SafetySupervisor:
         while not self._closing.wait(period_s):
             try:
                 self._watch_once()
-            except Exception as error:  # nothing supervises this thread: continue
+            except Exception as error:  # nobody supervises this thread, so that it has to continue
                 self._fail(error)
 
     def _watch_once(self) -> None:
@@ -504,7 +507,7 @@ class SafetySupervisor:
                     self._trip_for(unreachable(side))
 
     def _stalls(self) -> bool:
-        """Whether a block takes too long or, in real time, none is being acquired."""
+        """Return whether a block takes too long or, in real time, no block is being acquired."""
         busy_since, now = self._busy_since, time.monotonic()
         if busy_since is not None:
             return now - busy_since > self._stall_s
@@ -526,7 +529,7 @@ class SafetySupervisor:
                 "a supervisor that receives all data",
                 "open the bench again; if it happens again, report it",
             )
-        except Exception:  # even that failed: the power goes off without a ramp
+        except Exception:  # if even that fails, the power is switched off without a ramp
             logger.exception("the supervisor can't stop the bench normally")
             for worker in self._workers.values():
                 worker.disable(lambda _told: None)

@@ -1,6 +1,6 @@
-"""Maps of foreign Modbus devices: where a value or a contact is, and how it is coded.
+"""Maps of other makers' Modbus devices: addresses of values and contacts, and their coding.
 
-A map is one of those in `maps/`, by name, or a table in the bench description:
+A map is one of the files in `maps/`, by its name, or a table in the bench description:
 
 ```toml
 [driver.temperature]
@@ -38,7 +38,7 @@ _TO_CELSIUS = {"°C": (1.0, 0.0), "K": (1.0, -273.15), "°F": (5.0 / 9.0, -160.0
 class ValueMap(Options):
     """Registers of values, one channel after the other.
 
-    `value = offset + scale * number`, in `unit`. A number of the list `broken` means that the
+    `value = offset + scale * number`, in `unit`. A number in the list `broken` means that the
     channel has no value. `plausible` is in °C.
     """
 
@@ -80,12 +80,12 @@ class ValueMap(Options):
         return (self.offset + self.scale * self.number(words)) * factor + zero
 
     def is_plausible(self, temperature_c: float) -> bool:
-        """Tell whether a temperature is within the plausible range; NaN is not."""
+        """Return whether a temperature is within the plausible range; False for NaN."""
         low, high = self.plausible
         return low <= temperature_c <= high
 
     def readings_of_other_maps(self, words: Sequence[int]) -> Iterator[tuple[str, float]]:
-        """Yield what the registers would mean in °C if one property of the map were wrong."""
+        """Yield temperatures, °C, that the registers would mean if one property were wrong."""
         if self.width > 1:
             other: WordOrder = "low first" if self.word_order == "high first" else "high first"
             changed = self.model_copy(update={"word_order": other})
@@ -102,13 +102,13 @@ class CoilMap(Options):
 
 
 class ContactMap(CoilMap):
-    """Contacts: the address of channel 0, and where they are read."""
+    """Contacts: the address of channel 0, and the kind of input from which they are read."""
 
     function: Literal["discrete inputs", "coils"] = "discrete inputs"
 
 
 class DeviceMap(Options):
-    """What a device serves. Without `name_plate` it can't identify itself over Modbus."""
+    """Registers and bits of a device. Without `name_plate` it can't identify itself over Modbus."""
 
     manufacturer: str = ""
     model: str = ""
@@ -119,7 +119,7 @@ class DeviceMap(Options):
 
 
 class MappedOptions(ModbusOptions):
-    """Location of an instrument, its map, and its serial number if it can't state it itself."""
+    """Address of an instrument, its map, and its serial number if it can't report it."""
 
     map: str | DeviceMap = "torquebench"
     serial: str = ""

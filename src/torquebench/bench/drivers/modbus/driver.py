@@ -46,7 +46,7 @@ POLL_S = 0.01
 
 
 class DriveOptions(ModbusOptions):
-    """Timeout of getting ready."""
+    """Options of a drive: the longest time until it is ready."""
 
     switching_s: SwitchingTime = 5.0
 
@@ -59,9 +59,9 @@ class ModbusDrive:
     link : ModbusLink
     side : {"input", "output"}
     watchdog_s : float
-        Unfed for so long the drive ramps to zero and disables by itself, s.
+        Time without feeding after which the drive ramps to zero and disables itself, s.
     switching_s : float
-        Timeout of getting ready, s.
+        Longest time until the drive is ready, s.
     """
 
     def __init__(
@@ -82,11 +82,11 @@ class ModbusDrive:
         return self._link.identity(f"{self._side}.drive")
 
     def limits(self) -> DriveLimits:
-        """Return the limits of the register map."""
+        """Return the limits in the register map."""
         return self._limits
 
     def enable(self) -> None:
-        """Reset a fault, arm the watchdog, power the motor at zero torque and speed."""
+        """Reset a fault, start the watchdog, and power the motor at zero torque and speed."""
         self._link.write(DriveCommand.WATCHDOG, [self._next_feed(), self._watchdog_ms])
         self._link.write(DriveCommand.CONTROL, [DriveControl.RESET, DriveMode.NONE])
         self._link.write(DriveCommand.CONTROL, [DriveControl.ENABLE, DriveMode.NONE])
@@ -106,7 +106,7 @@ class ModbusDrive:
             time.sleep(POLL_S)
 
     def disable(self) -> None:
-        """Take the power off the motor."""
+        """Switch off the motor's power."""
         self._link.write(DriveCommand.CONTROL, [0, DriveMode.NONE])
 
     def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
@@ -135,12 +135,12 @@ class ModbusDrive:
             )
 
     def ramp_to_zero(self, duration_s: float) -> None:
-        """Have the drive bring torque and speed to zero by itself."""
+        """Make the drive ramp torque and speed to zero by itself."""
         self._link.write(DriveCommand.ZERO_RAMP, register_map.from_float(duration_s))
         self._link.write(DriveCommand.CONTROL, [DriveControl.ENABLE | DriveControl.ZERO])
 
     def feed_watchdog(self) -> None:
-        """Tell the drive that the supervisor lives."""
+        """Reset the drive's watchdog."""
         self._link.write(DriveCommand.WATCHDOG, [self._next_feed()])
 
     def _next_feed(self) -> int:
@@ -148,7 +148,7 @@ class ModbusDrive:
         return self._fed
 
     def state(self) -> DriveState:
-        """Ask for the active set points and the fault state."""
+        """Request the active set points and the fault state."""
         words = self._link.input_registers(0, REPORT_LENGTH)
         status = words[DriveReport.STATUS]
         fault = ""
@@ -172,7 +172,7 @@ class ModbusDrive:
         return DriveState(bool(status & DriveStatus.ENABLED), torque, speed, fault)
 
     def position_counts(self) -> int:
-        """Ask for the position of its encoder, 32 bits."""
+        """Request the position of the drive's encoder, 32 bits."""
         return register_map.integer_of(self._link.input_registers(DriveReport.POSITION, 2))
 
     def close(self) -> None:
@@ -217,7 +217,7 @@ Digital = TypeVar("Digital", ModbusModes, ModbusClamp, ModbusRail, ModbusSupply)
 
 
 def _digital(kind: type[Digital]) -> Callable[[InstrumentRequest], Digital]:
-    """Return the opener of a module with coils and contacts."""
+    """Return the function that opens a module with coils and contacts."""
 
     def opened(request: InstrumentRequest) -> Digital:
         options: DigitalOptions = request.read(DigitalOptions)

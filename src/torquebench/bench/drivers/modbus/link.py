@@ -18,7 +18,7 @@ from torquebench.message import Message
 __all__ = ["ModbusLink", "ModbusOptions"]
 
 BUSY = 6
-"""Exception "server device busy": the same request is asked again."""
+"""Exception "server device busy": the request is repeated."""
 BUSY_S = 0.01
 EXCEPTIONS = {
     1: " (illegal function)",
@@ -38,7 +38,7 @@ Base = Annotated[int, Field(ge=0, le=60000)]
 
 
 class ModbusOptions(Options):
-    """Location of an instrument: address, unit identifier, first register."""
+    """Address of an instrument: host and port, unit identifier, first register."""
 
     address: Address
     unit: Unit = 1
@@ -75,7 +75,7 @@ class ModbusLink(Link[Any]):
         connection.close()
 
     def _exchange(self, ask: Callable[[Any], Any], what: str) -> Any:
-        """Ask something of the client; `what` names that in messages."""
+        """Communicate with the unit; `what` names the request in messages."""
 
         def question(client: Any) -> Any:
             try:

@@ -39,7 +39,7 @@ POLL_S = 0.05
 
 
 class _Module:
-    """An instrument that has a Modbus link for itself, by its role in the bench."""
+    """An instrument with a Modbus link of its own, by its role in the bench."""
 
     ROLE: ClassVar[str]
 
@@ -63,7 +63,7 @@ class TemperatureOptions(MappedOptions):
 
 
 class _Mapped(_Module):
-    """An instrument whose registers and bits are where its map says."""
+    """An instrument whose registers and bits are given by a map."""
 
     def __init__(self, link: ModbusLink, options: MappedOptions, device: DeviceMap) -> None:
         super().__init__(link)
@@ -71,7 +71,7 @@ class _Mapped(_Module):
         self._serial = options.serial
 
     def identity(self) -> Identity:
-        """Read its name plate; without one, return what map and description state."""
+        """Read its name plate; without one, return the identity in map and description."""
         if self._map.name_plate:
             return super().identity()
         return Identity(
@@ -87,8 +87,8 @@ class _Mapped(_Module):
 class ModbusTemperature(_Mapped):
     """Temperature probes on a Modbus module, read every `interval_s`.
 
-    A probe that is broken, implausible or doesn't answer is missing from the answer, which the
-    supervisor judges: it is never an old value.
+    A probe that is broken, implausible or doesn't answer is missing from the answer: an old value
+    is never returned. The supervisor decides about missing values.
 
     Raises
     ------
@@ -110,7 +110,7 @@ class ModbusTemperature(_Mapped):
                 raise _implausible(link, name, values, words)
 
     def temperatures(self) -> Mapping[str, float]:
-        """Ask for all probes: name to °C."""
+        """Request all probes: temperature in °C by name."""
         now = time.monotonic()
         if now - self._asked < self._interval_s:
             return self._answer
@@ -130,7 +130,7 @@ class ModbusTemperature(_Mapped):
         return self._answer
 
     def _words(self) -> dict[str, list[int]]:
-        """Read the registers of every probe; adjacent channels in one request."""
+        """Read the registers of every probe; adjacent channels with one request."""
         values, link = self._map.values, self._link
         read = link.input_registers
         if values.function == "holding registers":
@@ -146,11 +146,11 @@ class ModbusTemperature(_Mapped):
 
 
 MOST_REGISTERS = 125
-"""Registers that one request may ask for."""
+"""Largest number of registers in one request."""
 
 
 def _adjacent(registers: list[int], values: ValueMap) -> list[list[int]]:
-    """Group registers of channels into blocks without a gap that a request may ask for."""
+    """Group registers of channels into gap-free blocks that fit one request."""
     blocks: list[list[int]] = []
     for register in registers:
         last = blocks[-1] if blocks else []
@@ -167,7 +167,7 @@ def _broken(values: ValueMap, words: Sequence[int]) -> bool:
 
 
 def _implausible(link: ModbusLink, name: str, values: ValueMap, words: Sequence[int]) -> BenchError:
-    """Return the error of a probe out of its range, with what would explain it alone."""
+    """Return the error for a probe out of its range, with a possible cause in the map."""
     others = [
         (change, temperature)
         for change, temperature in values.readings_of_other_maps(words)
@@ -196,9 +196,9 @@ def _implausible(link: ModbusLink, name: str, values: ValueMap, words: Sequence[
 
 
 class ModbusReadout(_Module):
-    """A calibrator's amplifier that holds its last samples in registers, one block a side.
+    """A calibrator's amplifier that holds its last samples in registers, one block for each side.
 
-    The newest sample is taken to be as old as the answer; see `SampleClock`.
+    The newest sample is assumed to be as old as the answer; see `SampleClock`.
     """
 
     ROLE = "reference"
@@ -210,11 +210,11 @@ class ModbusReadout(_Module):
 
     @property
     def period_s(self) -> float:
-        """As it states itself."""
+        """Period of the samples, as reported by the amplifier."""
         return max((clock.period_s for clock in self._clocks.values()), default=0.0)
 
     def read(self, side: Side, until_s: float, timed_s: float) -> Record:
-        """Return the samples since the last call, except those lost by the ring buffer."""
+        """Return the samples since the last call, without those that its buffer has lost."""
         base = SIDES.index(side) * register_map.READOUT_STRIDE
         length = register_map.READOUT_HEADER + 2 * register_map.READOUT_SAMPLES
         words = self._link.input_registers(base, length)
@@ -270,8 +270,8 @@ ContactName = Literal[
 class DigitalOptions(MappedOptions):
     """Coils and contacts by name: the channel of each in the device's map.
 
-    Those that aren't named have the channels of `Coil` and `Contact`. Inverted contacts are closed
-    where the device says 0.
+    Names that aren't given have the channels in `Coil` and `Contact`. Inverted contacts are closed
+    if the device reports 0.
     """
 
     coils: Mapping[CoilName, Annotated[int, Field(ge=0, le=1000)]] = Field(default_factory=dict)
@@ -292,7 +292,7 @@ class _Digital(_Mapped):
         self._inverted = frozenset(options.inverted)
 
     def _made(self, *contacts: Contact) -> list[bool]:
-        """Ask which contacts are closed; adjacent ones in one request."""
+        """Return which contacts are closed; adjacent contacts are read with one request."""
         bits = self._map.contacts
         read = self._link.coils if bits.function == "coils" else self._link.contacts
         names = [cast("ContactName", contact.name.lower()) for contact in contacts]
@@ -307,7 +307,7 @@ class _Digital(_Mapped):
         return [bit != (name in self._inverted) for bit, name in zip(found, names, strict=True)]
 
     def _switch(self, values: Mapping[Coil, bool]) -> None:
-        """Set coils, adjacent ones at once, those to be cleared first."""
+        """Set coils, adjacent ones together; coils to be cleared first."""
         first = self._map.coils.first
         places = {
             first + self._coils.get(cast("CoilName", coil.name.lower()), coil): value
@@ -333,12 +333,12 @@ _SIDE_CONTACTS: Mapping[Side, tuple[Contact, Contact, Contact]] = {
 
 
 class ModbusModes(_Digital):
-    """The test-mode conversion: coils command it, discrete inputs give the reached state."""
+    """The test-mode conversion: coils command a mode, discrete inputs report the reached mode."""
 
     ROLE = "modes"
 
     def set_mode(self, side: Side, mode: Mode) -> None:
-        """Change the mode of one side and return when it is reached.
+        """Change the mode of one side, and return when it is reached.
 
         Raises
         ------
@@ -356,12 +356,12 @@ class ModbusModes(_Digital):
         )
 
     def mode(self, side: Side) -> Mode:
-        """Ask for the present mode of one side.
+        """Request the present mode of one side.
 
         Raises
         ------
         BenchError
-            Its contacts say none or several.
+            Its contacts report no mode or several modes.
         """
         reached = self._reached(side)
         if len(reached) != 1:
@@ -388,7 +388,7 @@ class ModbusClamp(_Digital):
     ROLE = "clamp"
 
     def set_clamped(self, clamped: bool) -> None:
-        """Close or open the clamp and return when it is reached; raises `BenchError` if not."""
+        """Close or open the clamp and return when that is reached; else raise `BenchError`."""
         self._switch({Coil.CLAMP: clamped})
         word = "closed" if clamped else "open"
         _await(
@@ -398,12 +398,12 @@ class ModbusClamp(_Digital):
         )
 
     def clamped(self) -> bool:
-        """Ask whether the clamp is closed and under pressure.
+        """Return whether the clamp is closed and under pressure.
 
         Raises
         ------
         BenchError
-            It states open and closed at the same time.
+            Its contacts report open and closed at the same time.
         """
         closed, pressure, opened = self._made(
             Contact.CLAMP_CLOSED, Contact.CLAMP_PRESSURE, Contact.CLAMP_OPEN
@@ -423,7 +423,7 @@ class ModbusRail(_Digital):
     ROLE = "guide_rail"
 
     def move(self, position: RailPosition) -> None:
-        """Move to "end" or "away" and return when it is there; raises `BenchError` if not."""
+        """Move to "end" or "away" and return when it is there; else raise `BenchError`."""
         self._switch({Coil.RAIL: position == "end"})
         _await(
             lambda: self.position() == position,
@@ -432,12 +432,12 @@ class ModbusRail(_Digital):
         )
 
     def position(self) -> RailPosition:
-        """Ask where it is.
+        """Request the rail's position.
 
         Raises
         ------
         BenchError
-            It states both end positions at the same time.
+            Its contacts report both end positions at the same time.
         """
         at_end, away = self._made(Contact.RAIL_END, Contact.RAIL_AWAY)
         if at_end and away:
@@ -450,12 +450,12 @@ class ModbusRail(_Digital):
 
 
 class ModbusSupply(_Digital):
-    """The drives' supply: one contact."""
+    """The drives' power supply: one contact."""
 
     ROLE = "power_supply"
 
     def supplies(self) -> bool:
-        """Ask whether it is on."""
+        """Return whether the supply is on."""
         return self._made(Contact.SUPPLY_ON)[0]
 
 
@@ -489,7 +489,7 @@ class ModbusAngles:
             )
 
     def counts(self) -> Mapping[Side, int]:
-        """Ask for the counts of both sides; the wrapping of 32 bits is undone."""
+        """Request the counts of both sides, and unwrap their 32 bits."""
         for side, place in self._registers.items():
             word = register_map.integer_of(self._link.input_registers(place, 2))
             self._position[side] = unwrapped(word, self._position.get(side))

@@ -1,6 +1,6 @@
-"""The register map that the Modbus drivers speak: see docs/reference/device-protocols.md.
+"""The register map of the Modbus drivers: see docs/reference/device-protocols.md.
 
-Addresses count from 0 as on the wire, relative to the instrument's `base`. Numbers of two
+Addresses start at 0 as in the protocol, relative to the instrument's `base`. Numbers of two
 registers have the high word first. Every instrument can identify itself.
 """
 
@@ -43,7 +43,7 @@ class DriveCommand(IntEnum):
     SPEED = 6  # float, rad/s
     SPEED_RATE = 8  # float, rad/s²
     ZERO_RAMP = 10  # float, s
-    WATCHDOG = 12  # writing any value feeds it
+    WATCHDOG = 12  # writing any value resets the watchdog
     WATCHDOG_TIME = 13  # ms, 0 switches it off
 
 
@@ -52,7 +52,7 @@ class DriveControl(IntFlag):
 
     ENABLE = 1
     ZERO = 2  # ramp torque and speed to zero within ZERO_RAMP, whatever was commanded
-    RESET = 128  # of a fault
+    RESET = 128  # reset of a fault
 
 
 class DriveMode(IntEnum):
@@ -82,22 +82,22 @@ class DriveStatus(IntFlag):
     ENABLED = 1
     FAULT = 2
     RAMPING = 4
-    WATCHDOG = 8  # it has tripped
+    WATCHDOG = 8  # the watchdog has tripped
 
 
 class Coil(IntEnum):
-    """Coils of the mode conversion, the clamp and the rail; neither coil of a side: free."""
+    """Coils of mode conversion, clamp and rail; a side without a set coil is free."""
 
     INPUT_DRIVEN = 0
     INPUT_LOCKED = 1
     OUTPUT_DRIVEN = 2
     OUTPUT_LOCKED = 3
     CLAMP = 4
-    RAIL = 5  # to its end position; 0 draws it back
+    RAIL = 5  # move to the end position; 0 moves it away
 
 
 class Contact(IntEnum):
-    """Discrete inputs: reached states."""
+    """Discrete inputs: the reached states."""
 
     INPUT_FREE = 0
     INPUT_DRIVEN = 1
@@ -117,13 +117,13 @@ IDENTITY = 900
 """Input registers of the name plate: manufacturer, model, serial, firmware, 16 characters each."""
 IDENTITY_LENGTH = 32
 PROBE_BROKEN = -32768
-"""Hundredths of a degree that stand for a broken or disconnected probe."""
+"""Value, in hundredths of a degree, for a broken or disconnected probe."""
 READOUT_HEADER = 4
 """Input registers before a read-out's samples: count (2), period in µs, samples held."""
 READOUT_SAMPLES = 50
-"""Samples that a read-out holds, oldest first; NaN where it has no signal."""
+"""Number of samples in a read-out, the oldest first; NaN without a signal."""
 READOUT_STRIDE = 200
-"""Registers from the input side's block to the output side's."""
+"""Offset in registers from the input side's block to the output side's."""
 
 
 def from_float(value: float) -> list[int]:
@@ -165,7 +165,7 @@ def integer_of(registers: Sequence[int]) -> int:
 
 
 def from_text(text: str, registers: int = 8) -> list[int]:
-    """Return the registers of a text, two characters each, filled up with zeros."""
+    """Return the registers of a text, two characters each, padded with zeros."""
     raw = text.encode("ascii", "replace")[: 2 * registers].ljust(2 * registers, b"\0")
     return list(struct.unpack(f">{registers}H", raw))
 

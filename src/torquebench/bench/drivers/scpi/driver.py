@@ -1,4 +1,4 @@
-"""SCPI instruments: frequency counters that measure without gaps, and a calibrator's read-out."""
+"""SCPI instruments: frequency counters that measure without gaps, and read-outs of calibrators."""
 
 from __future__ import annotations
 
@@ -40,11 +40,12 @@ SETUP = (
 
 
 class CounterOptions(Options):
-    """One counter a channel, all with one reference clock.
+    """Options of the counters: one for each channel, all with one reference clock.
 
-    `fetch` takes `{count}` readings out of the counter and waits for them: no longer than their
-    gates and `timeout_s`, by default the time in which a lost signal is to be noticed
-    (`safety.signal_loss_s`). A gate without pulses ends after `{longest_s}` in the counter, too.
+    `fetch` removes `{count}` readings from the counter and waits for them: at most for their gate
+    times and `timeout_s`, by default the time in which a lost signal must be noticed
+    (`safety.signal_loss_s`). In `setup`, `{longest_s}` is the time after which the counter ends a
+    gate without pulses.
     """
 
     channels: Mapping[
@@ -59,22 +60,22 @@ class CounterOptions(Options):
 
 
 ANSWER_S = 1.0
-"""Time-out of everything but the readings."""
+"""Time-out of all requests except readings, s."""
 SHORTEST_LOSS_S = 0.01
-"""Shortest gate time-out that a 53230A takes."""
+"""Shortest gate time-out that a 53230A accepts, s."""
 
 
 class ScpiCounter(DescribedCounter):
-    """Frequency counters that deliver one frequency a gate time without gaps between them.
+    """Frequency counters that deliver one frequency per gate time, without gaps.
 
-    They send no edges, so lost and doubled pulses show as a step of the frequency only. An answer
-    that is lost takes readings with it: the stream then has a gap, which is an error.
+    They send no edges, so that lost and doubled pulses only appear as steps of the frequency.
+    Readings in a lost answer are lost, too: the stream then has a gap, which is an error.
 
     Parameters
     ----------
     options : CounterOptions
     counting : CounterDescription
-        Its windows are the gate time.
+        Description of the counter; the gate time is its window.
     signal_loss_s : float
         Time in which a lost signal is to be noticed.
     """
@@ -102,11 +103,11 @@ class ScpiCounter(DescribedCounter):
 
     @property
     def shortest_read_s(self) -> float:
-        """A block is requested at once: every question costs a turn on the wire."""
+        """A block is requested at once, because every request takes a round trip."""
         return self._counting.block_s
 
     def identity(self) -> Identity:
-        """Read the identity of the first counter, for all."""
+        """Read the identity of the first counter, on behalf of all."""
         first, *others = [link.identity("counter") for link in self._links.values()]
         details = dict(first.details) | {
             f"serial of {name}": other.serial
@@ -117,7 +118,7 @@ class ScpiCounter(DescribedCounter):
         )
 
     def select(self, channels: frozenset[str]) -> None:
-        """Start the counters of these channels, stop the others."""
+        """Start the counters of these channels, and stop the others."""
         self._check_served(channels)
         for name in sorted(channels - self._running):
             self._start(self._links[name])
@@ -180,9 +181,9 @@ class ScpiCounter(DescribedCounter):
 
 
 class ReadoutOptions(ScpiOptions):
-    """A calibrator's amplifier: how its samples since the last question are requested.
+    """Options of a calibrator's amplifier: the request for its samples since the last request.
 
-    `scale` is N·m a unit of the answer.
+    `scale` is the torque in N·m per unit of the answer.
     """
 
     fetch: str = "FETC:ARR? (@{channel})"
@@ -193,9 +194,9 @@ class ReadoutOptions(ScpiOptions):
 
 
 class ScpiReadout:
-    """A calibrator's amplifier on SCPI that hands out every sample once.
+    """A calibrator's amplifier on SCPI that delivers every sample once.
 
-    Its newest sample is taken to be as old as the answer; see `SampleClock`.
+    Its newest sample is assumed to be as old as the answer; see `SampleClock`.
     """
 
     def __init__(self, link: ScpiLink, options: ReadoutOptions) -> None:
@@ -203,7 +204,7 @@ class ScpiReadout:
         self._options = options
         self._channels: dict[Side, int] = {"input": options.input, "output": options.output}
         self._clocks = {side: SampleClock(options.period_s) for side in SIDES}
-        for side in SIDES:  # earlier measurements are discarded
+        for side in SIDES:  # discard earlier samples
             self._fetch(side)
 
     def identity(self) -> Identity:
@@ -212,7 +213,7 @@ class ScpiReadout:
 
     @property
     def period_s(self) -> float:
-        """As described."""
+        """Period of the samples, as described."""
         return self._options.period_s
 
     def _fetch(self, side: Side) -> NDArray[np.float64]:
@@ -220,7 +221,7 @@ class ScpiReadout:
         return np.array(numbers(self._link.query(line), self._link.name), dtype=np.float64)
 
     def read(self, side: Side, until_s: float, timed_s: float) -> Record:
-        """Return the samples since the last call; NaN where it has no signal."""
+        """Return the samples since the last call; NaN without a signal."""
         return self._clocks[side].take(self._options.scale * self._fetch(side), until_s, timed_s)
 
     def close(self) -> None:

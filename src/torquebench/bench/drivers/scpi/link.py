@@ -21,9 +21,9 @@ __all__ = ["NO_NUMBER", "ScpiAddress", "ScpiLink", "ScpiOptions", "numbers"]
 NO_NUMBER = 9.91e37
 """Number that SCPI instruments send for "not a number" (SCPI-1999, 7.2.1.5)."""
 LONGEST_QUEUE = 100
-"""Largest number of errors in an instrument's queue."""
+"""Largest number of errors in an instrument's error queue."""
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
-"""Decimal numeric response data (IEEE 488.2, 8.7.2 to 8.7.4), and a little more."""
+"""Decimal numeric response data (IEEE 488.2, 8.7.2 to 8.7.4), with some tolerance."""
 
 ScpiAddress = Annotated[
     str, Field(min_length=3, max_length=200, description="host:port or a VISA resource")
@@ -31,7 +31,7 @@ ScpiAddress = Annotated[
 
 
 class ScpiOptions(Options):
-    """Where an instrument is: `host:port`, or a VISA resource such as `GPIB0::5::INSTR`."""
+    """Address of an instrument: `host:port`, or a VISA resource such as `GPIB0::5::INSTR`."""
 
     address: ScpiAddress
     timeout_s: TimeOut = 1.0
@@ -81,7 +81,7 @@ class ScpiLink(Link[LineConnection]):
         `host:port` or a VISA resource.
     timeout_s : float
     attempts : int
-        1 where an answer takes something out of the instrument, so that asking again loses it.
+        1 for an instrument whose answers remove data from it, which a repeated request would lose.
     """
 
     def __init__(self, name: str, address: str, timeout_s: float, attempts: int = 2) -> None:
@@ -93,14 +93,14 @@ class ScpiLink(Link[LineConnection]):
             connection = _VisaConnection(self.address, self.timeout_s)
         else:
             connection = SocketLines(self.address, self.timeout_s)
-        connection.send("*CLS")  # errors of earlier sessions
+        connection.send("*CLS")  # read errors of earlier sessions
         return connection
 
     def _close(self, connection: LineConnection) -> None:
         connection.close()
 
     def query(self, line: str, *, within_s: float | None = None) -> str:
-        """Ask and return the answer; it may take `within_s` instead of the link's time-out."""
+        """Send a request and return the answer; `within_s` replaces the link's time-out."""
         timeout_s = self.timeout_s if within_s is None else within_s
 
         def exchange(connection: LineConnection) -> str:
@@ -110,7 +110,7 @@ class ScpiLink(Link[LineConnection]):
         return self.call(exchange)
 
     def command(self, line: str) -> None:
-        """Command, and make sure that the instrument has taken it.
+        """Send a command, and check that the instrument has accepted it.
 
         Raises
         ------
@@ -119,7 +119,7 @@ class ScpiLink(Link[LineConnection]):
         """
 
         def exchange(connection: LineConnection) -> str:
-            for _ in range(LONGEST_QUEUE):  # errors in the queue aren't this command's
+            for _ in range(LONGEST_QUEUE):  # errors in the queue don't belong to this command
                 if _no_error(error(connection)):
                     break
             connection.send(line)
@@ -144,7 +144,7 @@ class ScpiLink(Link[LineConnection]):
             )
 
     def identity(self, role: str) -> Identity:
-        """Ask `*IDN?`.
+        """Request `*IDN?`.
 
         Raises
         ------
@@ -173,7 +173,7 @@ def _no_error(answer: str) -> bool:
 
 
 def numbers(answer: str, name: str) -> list[float]:
-    """Return the numbers of a list, NaN where the instrument has none.
+    """Return the numbers of a list; NaN for the instrument's code for "not a number".
 
     Raises
     ------

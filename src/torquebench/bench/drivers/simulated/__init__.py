@@ -1,1 +1,1 @@
-"""The simulated bench: the one driver that knows the twin."""
+"""The simulated bench: the only driver that uses the twin."""

@@ -1,7 +1,7 @@
-"""The control channel of simulators: lines of JSON over TCP, one answer a request.
+"""The control channel of simulators: lines of JSON over TCP, one answer for each request.
 
-It controls what instruments can't: it mounts objects between the flanges, and breaks and repairs
-wires. A bench of real instruments never opens it.
+It performs actions that instruments can't: it mounts objects between the flanges, and breaks and
+repairs wires. A bench of real instruments never opens it.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class SimulationControl(Link[socket.socket]):
         Raises
         ------
         BenchError
-            Nobody answers, or the simulators refuse.
+            The simulators don't answer, or refuse the request.
         """
         line = json.dumps({"do": request, **arguments}).encode() + b"\n"
 
@@ -84,7 +84,7 @@ class SimulationControl(Link[socket.socket]):
 
 
 class SimulatedTruth:
-    """The torque that really acts in the simulators; see `drivers.base.TrueTorqueSource`."""
+    """The torque that really acts in the simulation; see `drivers.base.TrueTorqueSource`."""
 
     def __init__(self, control: SimulationControl) -> None:
         self._control = control
@@ -132,7 +132,7 @@ def simulated_encoder_certificates(control: SimulationControl) -> dict[Side, Enc
 
 
 def simulated_reducer_certificate(control: SimulationControl) -> tuple[CertifiedFriction, ...]:
-    """Ask for the certified friction of the simulated reducer."""
+    """Request the certified friction of the simulated reducer."""
     points = control.ask("reducer_certificate")["points"]
     return tuple(CertifiedFriction.model_validate(point) for point in points)
 
@@ -154,7 +154,7 @@ class SimulatedOperator:
         self._mounted: Mounting | None = None
 
     def mount(self, mounting: Mounting) -> None:
-        """Have this put between the flanges of the simulated bench."""
+        """Mount this part between the flanges of the simulated bench."""
         try:
             self._control.ask("mount", mounting=mounting)
         except BenchError as error:
@@ -173,4 +173,4 @@ class SimulatedOperator:
         self._control.ask("seat")
 
     def cancel(self) -> None:
-        """Nobody ever waits for it."""
+        """Do nothing: nobody waits for the simulated operator."""

@@ -1,7 +1,7 @@
-"""The simulated bench behind the roles: the only file outside the twin's package that uses it.
+"""The simulated bench as instruments: the only file outside the twin's package that uses it.
 
-It delivers edges and encoder counts as hardware does; the code that computes frequency, torque and
-everything after is the same for both. Drives ramp by themselves and have their own watchdog.
+It delivers edges and encoder counts like hardware; the code that computes frequency and torque from
+them is the same for both. Drives ramp by themselves and have their own watchdog.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ LOGGED = 1000
 CERTIFIED_FRICTION_U_NM = 0.005
 """Expanded uncertainty (k = 2) of the certified friction, N·m: 0.01 % of 50 N·m."""
 CLAMP_BAR = 100.0
-"""Pressure that the simulated clamp closes with, bar."""
+"""Pressure with which the simulated clamp closes, bar."""
 
 
 class SimulatedOptions(BaseModel):
@@ -87,7 +87,7 @@ class SimulatedOptions(BaseModel):
     reducer_wear: Annotated[float, Field(ge=0.5, le=5.0, description="(1: as new)")] = 1.0
 
     def parameters(self) -> TwinParameters:
-        """Draw the twin's constants; another seed of the reducer is another specimen of it."""
+        """Draw the twin's constants; another seed of the reducer gives another specimen."""
         drawn = TwinParameters.draw(self.preset, self.seed, reducer=self.reducer)
         if self.reducer_seed is None and self.reducer_wear == 1.0:
             return drawn
@@ -105,7 +105,7 @@ class _Ramp:
     rate: float = float("inf")
 
     def step(self, duration_s: float) -> bool:
-        """Go on for a while; True when the set point changed."""
+        """Advance the ramp by a duration; return whether the set point changed."""
         if self.present == self.target:
             return False
         reach = self.rate * duration_s * (1.0 + 1e-9)  # arrives in time despite rounding
@@ -147,12 +147,12 @@ _ANOTHER_BENCH = "describe the simulated bench as it is, or choose another drive
 
 
 class SimulatedBench:
-    """The twin as counter card, mode conversion, clamp, probes, operator and source of truth.
+    """The twin as counter card, mode conversion, clamp, probes, operator and true torque.
 
     Parameters
     ----------
     description : BenchDescription
-        Serials, timebase, ramps and watchdogs are taken from it, the twin from its `[driver]`.
+        Source of serial numbers, timebase, ramps and watchdogs; its `[driver]` defines the twin.
     """
 
     def __init__(self, description: BenchDescription) -> None:
@@ -206,7 +206,7 @@ class SimulatedBench:
         }
 
     def _check_nameplates(self) -> None:
-        """Refuse a description of other transducers."""
+        """Refuse a description with other transducers."""
         for channel in CHANNELS:
             side: Side = "input" if channel.startswith("input") else "output"
             if channel == torque_channel(side):
@@ -232,7 +232,7 @@ class SimulatedBench:
                 )
 
     def _check_encoders(self) -> None:
-        """Refuse a description of other encoders."""
+        """Refuse a description with other encoders."""
         parameters = self.options.parameters()
         for side in SIDES:
             own = parameters.input if side == "input" else parameters.output
@@ -249,7 +249,7 @@ class SimulatedBench:
 
     @property
     def twin(self) -> BenchTwin:
-        """The twin itself: for tests, demonstrations of faults and dense sweeps only."""
+        """The twin itself; only for tests, demonstrations of faults and dense sweeps."""
         return self._twin
 
     # -- counter card -----------------------------------------------------------------------
@@ -271,18 +271,18 @@ class SimulatedBench:
         return Identity("counter", "simulated", "counter of the twin", serial, details=details)
 
     def select(self, channels: frozenset[str]) -> None:
-        """Make edges of these channels only."""
+        """Generate edges of these channels only."""
         with self._lock:
             self._selected = channels
             self._activate()
 
     def _activate(self) -> None:
-        """Generate the edges of the selected channels, and those of the standard's read-out."""
+        """Generate the edges of the selected channels, and of the standard's read-out."""
         wanted = self._selected | (self.readout.channels if self.readout else frozenset())
         self._twin.set_active_channels([name for name in CHANNELS if name in wanted])
 
     def read_block(self, duration_s: float) -> Block:
-        """Run the twin for a while, drives ramping and their watchdogs running."""
+        """Run the twin for a duration, with the drives' ramps and watchdogs."""
         with self._lock:
             if self._closed:
                 raise BenchError("the simulated counter is closed", "an open bench")
@@ -299,7 +299,7 @@ class SimulatedBench:
         self._closed = True
 
     def _conduct(self, remaining_s: float) -> float:
-        """Apply the drives' present set points; return for how long they hold."""
+        """Apply the drives' present set points; return the time for which they stay valid."""
         self._watch(self._twin.time_s)
         ramping = any(axes.moving for axes in self._axes.values())
         step_s = min(RAMP_STEP_S, remaining_s) if ramping else remaining_s
@@ -318,7 +318,7 @@ class SimulatedBench:
                 self._set_enabled(side, False)
 
     def _watched_s(self, now_s: float) -> float:
-        """Return the time until the next watchdog acts, unless it is fed."""
+        """Return the time until the next watchdog trips if it isn't fed."""
         left = [
             axes.fed_s + self.drives[side].watchdog_s - now_s
             for side, axes in self._axes.items()
@@ -443,7 +443,7 @@ class SimulatedBench:
         return self._temperatures
 
     def mount(self, mounting: Mounting) -> None:
-        """Mount at once: the simulated operator never declines."""
+        """Mount a part at once: the simulated operator never declines."""
         with self._lock:
             self._twin.mount(mounting)
             self._mounted = mounting
@@ -456,10 +456,10 @@ class SimulatedBench:
         return self._mounted
 
     def hold(self, reducer: ReducerDescription | None, serial: str = "") -> None:
-        """Hold a reducer of this type, to be mounted next; None mounts the bench's own reducer.
+        """Select a reducer of this type to be mounted next; None selects the bench's own reducer.
 
-        Another serial number is another specimen. A type that isn't packaged is derived from the
-        packaged one of the closest rated torque, with its own ratio.
+        Another serial number gives another specimen. A type that isn't packaged is derived from the
+        packaged type of the closest rated torque, with its own ratio.
         """
         options = self.options
         if reducer is not None:
@@ -484,18 +484,18 @@ class SimulatedBench:
         self.mount(mounted)
 
     def cancel(self) -> None:
-        """Nobody ever waits for the simulated operator."""
+        """Do nothing: nobody waits for the simulated operator."""
 
     # -- simulation only --------------------------------------------------------------------
 
     def true_torque(self, side: Side, start_s: float, stop_s: float) -> float:
-        """Mean true torque at the flange over a window that was run already, N·m."""
+        """Return the mean true torque at the flange over a window of the past, N·m."""
         return float(self.true_means(side, np.array([start_s, stop_s]))[0])
 
     def true_means(self, side: Side, edges_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Mean true torques between rising times that were run already, N·m.
+        """Return mean true torques between rising times that were already simulated, N·m.
 
-        The torque is a straight line between two steps of the twin, as its edges have it.
+        Between two steps of the twin, the torque is a straight line, as for its edges.
         """
         around_s = 2.0 / TRUTH_RATE_HZ
         truth = self._truth.window(edges_s[0] - around_s, edges_s[-1] + around_s)
@@ -533,7 +533,7 @@ class SimulatedBench:
         }
 
     def certificates(self) -> dict[Mounting, dict[Side, ReferenceCertificate]]:
-        """Certificate of the simulated calibrator."""
+        """Certificates of the simulated standards."""
         found: dict[Side, ReferenceCertificate] = {}
         for side in SIDES:
             certificate = self._twin.certificate(side)
@@ -547,7 +547,7 @@ class SimulatedBench:
         return {side: EncoderCertificate(*self._twin.encoder_certificate(side)) for side in SIDES}
 
     def reducer_certificate(self) -> tuple[CertifiedFriction, ...]:
-        """Certified no-load friction of the reducer that is held, at 23 °C."""
+        """Certified no-load friction of the selected reducer, at 23 °C."""
         speeds = np.array([20.0, 50.0, *(100.0 * k for k in range(1, 13))])
         known = self._twin.no_load_nm(speeds)
         scatter = np.random.default_rng([self.options.seed, 17]).standard_normal(speeds.size)
@@ -568,8 +568,7 @@ class SimulatedDrive:
     Attributes
     ----------
     watchdog_s : float
-        Time without feeding after which it switches off; from the description, or as a client has
-        set it.
+        Time without feeding after which it switches off, from the description or from a client.
     log : deque of DriveEvent
         Commands and reactions, the newest last.
     unguarded : callable
@@ -589,7 +588,7 @@ class SimulatedDrive:
         return Identity(f"{self._side}.drive", "simulated", "drive of the twin", drive.serial)
 
     def limits(self) -> DriveLimits:
-        """Return no limits: the bench's own apply."""
+        """Return no limits: only the bench's own limits apply."""
         return DriveLimits()
 
     def enable(self) -> None:
@@ -597,27 +596,27 @@ class SimulatedDrive:
         self._bench._set_enabled(self._side, True)
 
     def disable(self) -> None:
-        """Take the power off."""
+        """Switch off the power."""
         self._bench._set_enabled(self._side, False)
 
     def reset_fault(self) -> None:
-        """Forget a fault; the drive stays off."""
+        """Reset a fault; the drive stays off."""
         self._bench._reset_fault(self._side)
 
     def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
-        """Go to a torque at a limited rate."""
+        """Ramp to a torque at a limited rate."""
         self._bench._command(self._side, "torque", torque_nm, ramp_nm_per_s)
 
     def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
-        """Go to a speed at a limited rate."""
+        """Ramp to a speed at a limited rate."""
         self._bench._command(self._side, "speed", speed_rad_s, ramp_rad_per_s2)
 
     def ramp_to_zero(self, duration_s: float) -> None:
-        """Bring torque and speed to zero."""
+        """Ramp torque and speed to zero."""
         self._bench._ramp_to_zero(self._side, duration_s)
 
     def feed_watchdog(self) -> None:
-        """Note that the supervisor lives."""
+        """Reset the watchdog."""
         self._bench._feed(self._side)
 
     def state(self) -> DriveState:
@@ -630,7 +629,7 @@ class SimulatedDrive:
         return self._bench._ramping(self._side)
 
     def close(self) -> None:
-        """Nothing to release."""
+        """Do nothing: there is nothing to release."""
 
 
 def open_simulated(description: BenchDescription) -> DriverSet:

@@ -1,4 +1,4 @@
-"""The read-out of a simulated standard that states torque, like a standard on a bus."""
+"""The read-out of a simulated standard that delivers torque, like a standard on a bus."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["SimulatedReadout"]
 
 
 class SimulatedReadout:
-    """A standard with its own counter: it states torque, not edges.
+    """A standard with its own counter, which delivers torque instead of edges.
 
     Parameters
     ----------
@@ -40,11 +40,11 @@ class SimulatedReadout:
 
     @property
     def channels(self) -> frozenset[str]:
-        """Channels whose edges it counts."""
+        """Channels whose edges the read-out counts."""
         return frozenset(reference_channel(side) for side in SIDES if self._standard is not None)
 
     def take(self, block: Block) -> Block:
-        """Take the standard's edges out of a block and count them."""
+        """Remove the standard's edges from a block, and count them."""
         edges = dict(block.edges)
         if self._standard is not None:
             for side in SIDES:
@@ -60,12 +60,12 @@ class SimulatedReadout:
 
     @property
     def period_s(self) -> float:
-        """A window of its counter."""
+        """Period of the values: a window of the read-out's counter."""
         return self._counting.window_s
 
     def read(self, side: Side, until_s: float, timed_s: float) -> Record:
-        """Return the samples since the last call; NaN where it has no signal."""
-        del until_s, timed_s  # later times have not been simulated yet
+        """Return the samples since the last call; NaN without a signal."""
+        del until_s, timed_s  # later times haven't been simulated yet
         samples, self._samples[side] = self._samples[side], []
         if not samples:
             return Record({"time_s": np.empty(0), "signal": np.empty(0)})
