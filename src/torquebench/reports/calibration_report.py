@@ -25,7 +25,7 @@ LOADING_LIMIT_PERCENT = 0.1
 
 
 def calibration_page(finished: FinishedCalibration) -> Page:
-    """Return the report of a calibration with the model that was fitted to it."""
+    """Return the report of a calibration and of the model fitted to it."""
     measured, fitted = finished.measured, finished.fitted[0]
     data = measured.result.data
     torque = fitted.model.predict(data.features(feature_columns(fitted.model)))
@@ -60,7 +60,7 @@ def _curves(finished: FinishedCalibration) -> Section:
 
 
 def error_curves(data: CalibrationData, title: str = "") -> Panel:
-    """Return reading minus standard over the amount of torque, by direction and branch."""
+    """Return curves of reading minus standard over |torque|, one per direction and branch."""
     curves = []
     for sign, direction in ((1, "clockwise"), (-1, "counter-clockwise")):
         for branch, word in ((1, "rising"), (-1, "falling")):
@@ -69,9 +69,7 @@ def error_curves(data: CalibrationData, title: str = "") -> Panel:
                 part = data.subset(rows[np.argsort(np.abs(data.standard_nm[rows]), kind="stable")])
                 error = part.reading_nm - part.standard_nm
                 curves.append(Curve(f"{direction}, {word}", np.abs(part.standard_nm), error))
-    return Panel(
-        curves, "amount of torque in N·m", "error in N·m", range_nm=data.range_nm, title=title
-    )
+    return Panel(curves, "|torque| in N·m", "error in N·m", range_nm=data.range_nm, title=title)
 
 
 def _loading(finished: FinishedCalibration) -> Section:
@@ -81,7 +79,7 @@ def _loading(finished: FinishedCalibration) -> Section:
     facts = [
         ("Profile", f"{profile.name} (SHA-256 {profile.sha256[:16]}…)"),
         ("Standard", result.standard_serial),
-        ("Points that still drifted", str(result.unsettled)),
+        ("Points that were still drifting", str(result.unsettled)),
     ]
     if accuracy is not None:
         facts.append(

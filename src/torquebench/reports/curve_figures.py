@@ -1,4 +1,4 @@
-"""General figures, as SVG text: panels of curves, and bodies in three dimensions."""
+"""General figures as SVG text: diagrams of curves, and twisted bodies in three dimensions."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class Panel:
     abscissa, ordinate : str
         Labels of the axes.
     markers : bool
-        Points instead of lines.
+        Whether to draw points instead of lines.
     limits : tuple of float
-        Ordinates that are marked by dashed lines.
+        Ordinates to mark by dashed lines.
     range_nm : float, optional
         Full scale of an ordinate in N·m: adds an axis in % FS.
     logarithmic : str
@@ -66,7 +66,7 @@ def panels_figure(panels: Sequence[Panel], *, columns: int = 1, height: float = 
     panels : sequence of Panel
     columns : int
     height : float
-        Of one diagram, inches at a width of 7.6.
+        Height of one diagram in inches, at a width of 7.6.
 
     Returns
     -------
@@ -118,16 +118,16 @@ def _draw(axes: Any, panel: Panel, legend: int) -> None:
 
 
 def bodies_figure(bodies: Sequence[tuple[str, TwistedSolid]], *, share: float = 0.08) -> str:
-    """Draw bodies under their torque side by side, displaced by a share of their size.
+    """Draw twisted bodies side by side, with magnified displacements.
 
-    Colours show the displacement on one scale for all bodies; all have the same magnification.
+    All bodies have the same colour scale of displacement and the same magnification.
 
     Parameters
     ----------
     bodies : sequence of (str, TwistedSolid)
         Title and body.
     share : float
-        Largest displacement that is drawn, as a share of the largest body.
+        Largest displacement in the drawing, as a share of the largest body's size.
 
     Returns
     -------

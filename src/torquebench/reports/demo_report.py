@@ -1,4 +1,4 @@
-"""The report of a complete run: both modules and a reducer's no-load friction."""
+"""The report of a demonstration: both modules and a reducer's no-load friction."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def demo_page(result: DemoResult, drawn: Iterable[Sequence[Section]] = ()) -> Pa
     result : DemoResult
         Results of the campaign.
     drawn : iterable of sequences of Section
-        What `module_sections` has returned for the modules, where it was called before.
+        Sections that `module_sections` has already made for the modules.
 
     Returns
     -------

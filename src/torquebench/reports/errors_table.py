@@ -26,7 +26,7 @@ _HEADER = (
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Return a value with so many significant digits, without an exponent.
+    """Return a value with a number of significant digits, without an exponent.
 
     Parameters
     ----------
@@ -91,14 +91,14 @@ def errors_table(
 
 
 def reference_name(module: ModuleResult) -> str:
-    """Return what the readings of a verification are compared with, in words."""
+    """Name the reference with which the readings of a verification are compared."""
     return "true torque" if module.verification.simulated else "standard"
 
 
 def module_errors(
     module: ModuleResult,
 ) -> list[tuple[str, list[tuple[CompensationResult, ErrorSummary]]]]:
-    """Return the known errors of a module without and with each model, by their reference."""
+    """Return a module's errors without and with each model, grouped by their reference."""
     results = (module.raw, *module.models)
     groups = len(module.raw.verification.groups)
     count = f"{len(module.verification)} readings in {groups} groups"

@@ -1,4 +1,4 @@
-"""Reports of tables of other benches: reducer tests and static calibrations."""
+"""Reports of evaluated tables from other benches: reducer tests and static calibrations."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ QUANTITIES = (
     "the interpolated curve, h: reversibility, r: resolution, W: expanded uncertainty (k = 2), "
     "f₀: residual zero."
 )
-"""The columns of `static_quantities`, as EURAMET cg-14 and DIN 51309 name them."""
+"""Meaning of the columns of `static_quantities`, by EURAMET cg-14 and DIN 51309."""
 
 
 def evaluation_page(
@@ -62,19 +62,19 @@ def evaluation_page(
     reducer: ReducerDescription | None,
     figures: Callable[[], Sequence[tuple[str, str]]],
 ) -> Page:
-    """Return the report of a reducer test that was recorded elsewhere.
+    """Return the report of a reducer test that was evaluated from a table.
 
     Parameters
     ----------
     test : str
-        Which test, in words.
+        Title of the test.
     source : str
         Name of the table.
     result : ReducerResult or FrictionResult
     quantities : sequence of ReducerTestQuantity
     reducer : ReducerDescription or None
     figures : callable
-        Draws the result: an ``<svg>`` element and its caption each.
+        Draws the figures of the result: ``<svg>`` element and caption of each.
     """
     facts = [("Table", source)]
     if reducer is not None:
@@ -93,11 +93,11 @@ def evaluation_page(
 
 
 def open_loop_page(source: str, loop: LoopFeatures, why: str) -> Page:
-    """Return the report of a torque-angle loop that doesn't close: no result, but the gap drawn."""
+    """Return the report of a torque-angle loop that doesn't close, with a figure of the gap."""
     figure = Figure(
         _open_loop_figure(loop),
-        "The loop as recorded, about its middle; the arrow is the gap between its start and its "
-        "end at the same torque.",
+        "The recorded loop about its mean angle; the arrow is the gap between its start "
+        "and its end at the same torque.",
     )
     return Page(
         title="Evaluation: hysteresis, no result",
@@ -159,12 +159,12 @@ def static_page(
     source : str
         Name of the table.
     profile : Profile or None
-        Profile for comparison.
+        Profile with which the calibration is compared.
     deviations : sequence of Deviation
-        Deviations from it.
+        Deviations from the profile.
     results : CalibrationResults
     with_regression : bool
-        Whether to state straight lines.
+        Whether to include the regression lines.
     """
     points, torque_nm = results.data, results.torque_nm
     facts = [
@@ -214,14 +214,14 @@ def _direction(direction: DirectionResults) -> Section:
 
 
 def residual_zero(evaluation: StaticEvaluation) -> str:
-    """Return the residual zero in words."""
+    """State the residual zero."""
     zero = evaluation.zero_residual_percent
     shown = "not measured" if zero is None else f"{zero:.{PERCENT_DIGITS}f} % of the span"
     return f"f₀ {shown}"
 
 
 def static_quantities(side: SideBySide) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings and rows of all quantities of a direction, one line a step."""
+    """Return headings and rows of all quantities of a direction, one row per step."""
     columns = side.columns
 
     def cell(values: NDArray[np.float64] | None, row: int) -> str:
@@ -239,7 +239,7 @@ def static_quantities(side: SideBySide) -> tuple[tuple[str, ...], list[tuple[str
 def regression_table(
     results: CalibrationResults,
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings and rows of the straight lines X = slope · M + intercept."""
+    """Return headings and rows of the regression lines X = slope · M + intercept."""
     rows: list[tuple[str, ...]] = [
         (
             name,

@@ -1,4 +1,4 @@
-"""A run as a folder that is readable without this software."""
+"""Export a run as a folder that can be read without this software."""
 
 import contextlib
 import csv
@@ -50,7 +50,7 @@ class ExportedRun:
     files : tuple of str
         Names of all files in it.
     remarks : tuple of str
-        Missing parts and findings, as in README.txt.
+        Missing parts and integrity findings, as in README.txt.
     """
 
     folder: Path
@@ -60,7 +60,7 @@ class ExportedRun:
 
 @dataclass
 class _Export:
-    """Collects files, columns and remarks for the README."""
+    """Writes the files of an export and collects columns and remarks for its README."""
 
     folder: Path
     columns: dict[str, list[Column]] = field(default_factory=dict)
@@ -76,7 +76,7 @@ class _Export:
         rows: Iterator[list[Any]],
         notes: Mapping[str, object] | None = None,
     ) -> None:
-        """Write a CSV file after notes."""
+        """Write a CSV file that begins with notes as comment lines."""
         text = io.StringIO()
         text.writelines(f"# {key} = {value}\n" for key, value in (notes or {}).items())
         writer = csv.writer(text, lineterminator="\n")
@@ -87,7 +87,7 @@ class _Export:
 
 
 def export_run(registry: Registry, run: RunSummary, folder: Path) -> ExportedRun:
-    """Write everything of a run in open formats, with a README that explains file and column.
+    """Write all data of a run in open formats, with a README that explains files and columns.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def export_run(registry: Registry, run: RunSummary, folder: Path) -> ExportedRun
     Raises
     ------
     InputError
-        Where the folder holds something or can't be written.
+        Where the folder isn't empty or can't be written.
     RecordError
         Where the run isn't sealed.
     """
@@ -109,7 +109,7 @@ def export_run(registry: Registry, run: RunSummary, folder: Path) -> ExportedRun
         raise RecordError(
             Message("run {run_id} isn't sealed", run.run_id),
             "a sealed run",
-            "let it end, or recover it",
+            "wait for its end, or recover it",
         )
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(
@@ -151,7 +151,7 @@ def export_run(registry: Registry, run: RunSummary, folder: Path) -> ExportedRun
 
 
 def _copy_originals(export: _Export, source: RunFolder) -> None:
-    """Copy the sealed files byte by byte, so that the manifest's hashes still hold."""
+    """Copy the sealed files unchanged, so that the manifest's hashes still match."""
     target = export.folder / "original"
     shutil.copytree(source.path, target)
     for name in ("run.json", "results.json"):
@@ -180,7 +180,7 @@ def _write_documents(export: _Export, source: RunFolder) -> None:
 
 
 def _notes(source: RunFolder) -> dict[str, object]:
-    """Return a table's comments, with which its points can be read as a calibration again."""
+    """Return the comment lines with which a table of points can be read as a calibration."""
     notes: dict[str, object] = {}
     with contextlib.suppress(RecordError, InputError):
         data = _referenced(source)
@@ -191,9 +191,9 @@ def _notes(source: RunFolder) -> dict[str, object]:
 
 
 def _referenced(source: RunFolder) -> CalibrationData:
-    """Return the points of a run with the standard that was mounted, if the description is known.
+    """Return the points of a run with its reference standard, if the description can be read.
 
-    A description of another version may not be readable; the points are then without the standard.
+    The description of another version may be unreadable; then the points lack the standard.
     """
     data, serial = run_data(source), str(source.results.get("standard_serial", ""))
     try:
@@ -313,7 +313,7 @@ def _write_readme(export: _Export, run: RunSummary) -> None:
 
 
 def _wrapped(text: str) -> str:
-    """Wrap long lines; continuations keep the line's indentation."""
+    """Wrap long lines and keep their indentation."""
     lines = []
     for line in text.split("\n"):
         indent = line[: len(line) - len(line.lstrip())]

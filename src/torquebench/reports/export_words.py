@@ -6,14 +6,19 @@ _FILES = {
     "README.txt": "This text.",
     "SHA256SUMS.txt": "SHA-256 of every other file; `sha256sum -c SHA256SUMS.txt` compares them.",
     "calibration.csv": "The points of the calibration in measuring order.",
-    "original": "The run's own files, byte by byte as they were sealed; manifest.json in it lists "
-    "their SHA-256. events.jsonl holds one JSON document a line (format: event-model), the raw "
-    "samples lie in Apache Parquet.",
-    "raw_samples.csv": "What the counters and probes delivered all the time, one line a window.",
-    "registry.json": "What the registry holds of this run: calibrations, models, verifications, "
-    "certificates, reviews, amendments. chain_end is the end of its hash chain at the export.",
-    "results.json": "What the run found, as it was sealed.",
-    "run.json": "What was known before the run: bench, instruments, profile, operator.",
+    "original": (
+        "The run's files, unchanged since they were sealed; manifest.json lists their "
+        "SHA-256. events.jsonl contains one JSON document per line (format: event-model); "
+        "the raw samples are in Apache Parquet."
+    ),
+    "raw_samples.csv": "All data of the counters and probes, one line per window.",
+    "registry.json": (
+        "The registry's records about this run: calibrations, models, verifications, "
+        "certificates, reviews, amendments. chain_end is the end of the registry's hash "
+        "chain at the time of the export."
+    ),
+    "results.json": "Results of the run, as they were sealed.",
+    "run.json": "Metadata from the start of the run: bench, instruments, profile, operator.",
 }
 
 
@@ -23,14 +28,14 @@ def file_words(name: str) -> str:
     Examples
     --------
     >>> file_words("points.csv")
-    'Every recorded value of this kind of event, one line each.'
+    'All recorded values of this kind of event, one line per event.'
     """
     if name in _FILES:
         return _FILES[name]
     if name.startswith("certificate-"):
         kinds = {
             "pdf": "Certificate to read and print.",
-            "xml": "The same for machines: PTB's digital calibration certificate 3.3.0.",
+            "xml": "The certificate for machines: PTB's digital calibration certificate 3.3.0.",
             "json": "The record that PDF and XML were written from.",
         }
         return kinds[name.rpartition(".")[2]]

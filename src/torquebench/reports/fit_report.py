@@ -1,4 +1,4 @@
-"""The report of one fit: the errors before and after, and a comparison, if any."""
+"""The report of a fit: errors before and after compensation, and a comparison of models, if any."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _data(result: FitResult) -> Section:
 
 
 def _training(result: FitResult) -> list[Section]:
-    """Return a network's training curve, if the model keeps it."""
+    """Return the section with a network's training curve, if the model has one."""
     model = result.model
     if not isinstance(model, NetworkModel) or not model.training_curve_.size:
         return []
@@ -143,7 +143,7 @@ def _before_and_after(result: FitResult) -> Section:
     )
     table = errors_table(
         [("raw reading", result.raw), (result.title, result.fitted)],
-        "Against the standard, on the points that the model was fitted to.",
+        "Errors against the standard, at the points to which the model was fitted.",
         1,
     )
     curves = [
@@ -152,8 +152,8 @@ def _before_and_after(result: FitResult) -> Section:
     ]
     figure = Figure(
         error_figure(curves, data.range_nm, limit_fs=SOURCES_LIMIT_FS),
-        "Error before compensation (above) and residual after it (below), on the points of the "
-        "fit. Dashed: 0.1 % FS.",
+        "Error before compensation (above) and residual after it (below), at the points "
+        "of the fit. Dashed: 0.1 % FS.",
     )
-    text = "These points were fitted: only fresh points can verify a model."
+    text = "The model was fitted to these points: only fresh points can verify it."
     return Section("Before and after", text, (table, figure))

@@ -1,4 +1,4 @@
-"""Report of one module: its calibration, its models and their verification."""
+"""Report sections of one module: its calibration, its models and their verification."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _CURVE_POINTS = 401
 def branch_curves(
     model: CompensationModel, title: str, reading_nm: NDArray[np.float64]
 ) -> list[Curve]:
-    """Return a model's additional torque over the readings that it was fitted to.
+    """Return the curve of a model's additional torque over the range of its readings.
 
     Parameters
     ----------
@@ -62,12 +62,12 @@ def module_sections(module: ModuleResult) -> list[Section]:
     Parameters
     ----------
     module : ModuleResult
-        Results of a campaign for the module.
+        The module's results.
 
     Returns
     -------
     list of Section
-        In reading order.
+        Sections of calibration and verification.
     """
     name = f"{module.side.capitalize()} module"
     return [
@@ -114,7 +114,7 @@ def _calibration_blocks(module: ModuleResult) -> list[Facts | Figure]:
 
 
 def staircase_figures(data: CalibrationData, who: str) -> list[Figure]:
-    """Return the staircase as the standard read it, over time; empty without times."""
+    """Draw the steps of the calibration over time; empty without times."""
     if data.time_s is None:
         return []
     return [
@@ -188,8 +188,8 @@ def _verification_blocks(module: ModuleResult) -> list[Table | Figure]:
         blocks.append(
             Figure(
                 error_figure(curves, module.range_nm, limit_fs=SOURCES_LIMIT_FS, markers=False),
-                "Error of each model alone along a dense sweep without noise, up and down in both "
-                "directions. Dashed: 0.1 % FS.",
+                "Error of each model alone in a dense sweep without noise, increasing "
+                "and decreasing in both directions. Dashed: 0.1 % FS.",
             )
         )
     worst = {

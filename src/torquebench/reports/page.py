@@ -1,4 +1,4 @@
-"""One self-contained HTML page: headings, facts, tables and figures, no script, no network."""
+"""One self-contained HTML page of headings, facts, tables and figures, without scripts."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ __all__ = [
 
 
 WORDY = 24
-"""A longer cell isn't a number."""
+"""Longer cells are treated as sentences, not as numbers."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Table:
     emphasised : int or None
         Index of the row to mark, such as the recommended model.
     words : bool
-        Whether the cells hold sentences: set left and broken, instead of right on one line.
+        Whether the cells contain sentences, which are aligned left and wrapped.
     """
 
     header: Sequence[str]
@@ -76,7 +76,7 @@ class Table:
 
     @property
     def sentences(self) -> tuple[bool, ...]:
-        """Columns with sentences: aligned left and wrapped."""
+        """Whether each column contains sentences, which are aligned left and wrapped."""
         cells = [[row[column] for row in self.rows] for column in range(len(self.header))]
         return tuple(any(len(cell) > WORDY for cell in column) for column in cells)
 
@@ -100,7 +100,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Diagram:
-    """Curves with their caption, which each medium draws in its own way.
+    """Curves with a caption; terminal, screen and paper each draw them in their own way.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class Diagram:
         Diagrams below each other.
     caption : str
     height : float
-        Of one diagram on paper, inches at a width of 7.6.
+        Height of one diagram on paper in inches, at a width of 7.6.
     """
 
     panels: Sequence[Panel]
@@ -126,12 +126,12 @@ class Diagram:
 
 @dataclass(frozen=True)
 class Drawings:
-    """Figures that are drawn when a medium shows them; the terminal never does.
+    """Figures that are drawn only when they are displayed, which the terminal never does.
 
     Attributes
     ----------
     draw : callable
-        Returns the SVG text and the caption of each.
+        Returns the SVG text and the caption of each figure.
     """
 
     draw: Callable[[], Iterable[tuple[str, str]]]
@@ -142,7 +142,7 @@ Block: TypeAlias = Facts | Table | Figure | Diagram | Drawings
 
 
 def drawn(blocks: Iterable[Block]) -> Iterator[Facts | Table | Figure | Diagram]:
-    """Yield blocks with their figures drawn."""
+    """Yield blocks, with `Drawings` replaced by drawn figures."""
     for block in blocks:
         if isinstance(block, Drawings):
             yield from (Figure(*each) for each in block.draw())
@@ -152,7 +152,7 @@ def drawn(blocks: Iterable[Block]) -> Iterator[Facts | Table | Figure | Diagram]
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, a sentence or two, and the content below it.
+    """A heading, an introduction, and the content below it.
 
     Attributes
     ----------
@@ -161,7 +161,7 @@ class Section:
     blocks : sequence of Block
         Content in reading order.
     detail : bool
-        Whether it is left out in the terminal and folded on screens.
+        Whether the section is left out in the terminal and collapsed on screens.
     """
 
     heading: str
@@ -181,7 +181,7 @@ class Page:
     sections : sequence of Section
         Content in reading order.
     simulated : bool
-        Whether the figures come from the simulated bench; stated at the top and on every page.
+        Whether the results come from the simulated bench; stated at the top and on every page.
     """
 
     title: str
@@ -192,7 +192,7 @@ class Page:
 
 @cache
 def _template() -> Template:
-    from jinja2 import Environment, PackageLoader, StrictUndefined  # only a page needs them
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # not needed without a page
     from markupsafe import Markup
 
     environment = Environment(
@@ -223,14 +223,14 @@ def render_page(page: Page) -> str:
 
 
 def write_page(page: Page, path: Path) -> Path:
-    """Write a report; the file appears whole or not at all.
+    """Write a report as HTML, completely or not at all.
 
     Parameters
     ----------
     page : Page
         The report.
     path : pathlib.Path
-        File to write; its folder is made where it is missing.
+        File to write; its folder is created if it is missing.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The same report as a PDF: the page of `page`, set by Typst with its figures."""
+"""Reports as PDF, typeset by Typst."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["check_suffix", "page_pdf", "write_report"]
 
 SUFFIXES = (".html", ".pdf")
 LINE = 110
-"""Characters of a table's row between the margins."""
+"""Number of characters in a table's row."""
 GAP = 4
 """Width of the space between two columns, in characters."""
 _TOGETHER = re.compile(
@@ -38,7 +38,7 @@ def page_pdf(page: Page) -> bytes:
     Raises
     ------
     InputError
-        Where there is no font for the text.
+        Where no installed font has the text's characters.
     """
     import typst
 
@@ -64,7 +64,7 @@ def page_pdf(page: Page) -> bytes:
         return typeset(template, content, figures, format="pdf")[0]
     except typst.TypstError as error:
         raise InputError(
-            Message("the report can't be set: {error}", error),
+            Message("the report can't be typeset: {error}", error),
             remedy="write it as .html instead",
         ) from error
 
@@ -77,9 +77,10 @@ def _unbroken(text: str) -> str:
 def _shares(table: Table) -> list[float]:
     """Return each column's share of the remaining width; 0 means the width of its text.
 
-    Columns of numbers are as wide as their text, sentences share the rest by their length, and
-    if there are none, the last column of words or the first beside numbers takes it. Where
-    columns of numbers would need most of the line, their headings are broken.
+    Columns of numbers are as wide as their text. Columns of sentences share the rest by their
+    length; without sentences, the last column of a table of words or the first column of another
+    table gets the rest. If the columns of numbers need more than a line, their headings are
+    wrapped.
     """
     columns = list(zip(table.header, *table.rows, strict=True))
     wide = sum(max(map(len, column)) + GAP for column in columns)
@@ -111,7 +112,7 @@ def _shares(table: Table) -> list[float]:
 
 
 def _plain(block: Facts | Table | Figure | Diagram, figures: dict[str, str]) -> dict[str, Any]:
-    """Return a block for the template, with its figure as a separate file."""
+    """Return a block for the template, and store its figure as a separate file."""
     if isinstance(block, Facts):
         return {"kind": "facts", "rows": [[name, _unbroken(text)] for name, text in block.items]}
     if isinstance(block, Table):
@@ -131,18 +132,18 @@ def _plain(block: Facts | Table | Figure | Diagram, figures: dict[str, str]) -> 
 
 
 def write_report(page: Page, path: Path) -> Path:
-    """Write a report as HTML or as PDF, by the file's suffix; whole or not at all.
+    """Write a report as HTML or PDF by the file's suffix, completely or not at all.
 
     Parameters
     ----------
     page : Page
     path : pathlib.Path
-        Ends in ``.html`` or ``.pdf``; standard output takes HTML.
+        File that ends in ``.html`` or ``.pdf``, or standard output, which gets HTML.
 
     Raises
     ------
     InputError
-        Where it ends otherwise.
+        Where the suffix is another one.
 
     Examples
     --------
@@ -159,7 +160,7 @@ def write_report(page: Page, path: Path) -> Path:
 
 
 def check_suffix(path: Path) -> None:
-    """Refuse a report's name that isn't one of HTML or PDF, before any work is done for it.
+    """Raise an error if a report's name isn't that of an HTML or PDF file.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Part of a verification's report: speed, temperature and torque of a rotating chain."""
+"""Section of a verification's report on speed, temperature and torque of a rotating chain."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from torquebench.reports.page import Facts, Figure, Section, Table
 __all__ = ["identified_section", "turning_section"]
 
 MOST_POINTS = 1500
-"""Points of a diagram; longer records are thinned out, but keep the worst points."""
+"""Largest number of points in a diagram; longer records are thinned out except the worst points."""
 WORST_POINTS = 50
 
 
 def identified_section(
     effects: Sequence[Effect], remarks: Sequence[str], range_nm: float
 ) -> Section:
-    """Return what a fit identified of temperature, rotation and inertia, and what it couldn't.
+    """Return the section on the effects of temperature, rotation and inertia that a fit identified.
 
     Parameters
     ----------
     effects : sequence of Effect
     remarks : sequence of str
-        What wasn't identified, and what would identify it.
+        Effects that weren't identified, and the measurement that would identify them.
     range_nm : float
     """
     rows = [
@@ -50,16 +50,16 @@ def identified_section(
 
 
 def turning_section(data: CalibrationData, torque: Torque, tolerance_percent: float) -> Section:
-    """Return errors over speed, temperature and torque, coverage by cells, and the budget.
+    """Return the section with errors over speed, temperature and torque, coverage, and budget.
 
     Parameters
     ----------
     data : CalibrationData
-        Points with their speed and temperature, against the true torque where it is known.
+        Points with speed and temperature; if the true torque is known, errors refer to it.
     torque : Torque
-        Their torque by the measuring chain.
+        Torque of the points by the measuring chain.
     tolerance_percent : float
-        % FS, marked in the figures.
+        Tolerance in % FS, marked in the figures.
     """
     truth = data.true_torque_nm
     reference = data.standard_nm if truth is None else truth
@@ -103,7 +103,7 @@ def turning_section(data: CalibrationData, torque: Torque, tolerance_percent: fl
 
 
 def _budget(torque: Torque) -> Table:
-    """Return the components of the uncertainty, over all points."""
+    """Return a table of the uncertainty's components, averaged over all points."""
     names = dict.fromkeys(each.name for each in torque.components)
     size = {name: torque.component(name) for name in names}
     variance = float(np.mean(torque.standard_uncertainty_nm**2))
@@ -118,7 +118,7 @@ def _budget(torque: Torque) -> Table:
         for name, u in sorted(size.items(), key=lambda item: -float(np.mean(item[1] ** 2)))
         if np.any(u > 0.0) or np.any(torque.added(name) != 0.0)
     ]
-    header = ("effect", "adds up to, N·m", "u, RMS, N·m", "u, largest, N·m", "share of variance")
+    header = ("effect", "total, N·m", "u, RMS, N·m", "u, largest, N·m", "share of variance")
     return Table(header, rows, "Uncertainty budget over all points.")
 
 

@@ -1,4 +1,4 @@
-"""The report of a verification in groups: several models side by side, group by group."""
+"""The report of a verification: errors of several models in each group of readings."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class Verified:
-    """Results of one model for the readings of a verification.
+    """Torque of one model for the readings of a verification.
 
     Attributes
     ----------
@@ -43,18 +43,18 @@ def verification_tables(
     what: str,
     tolerance_percent: float = 0.1,
 ) -> list[Table]:
-    """Return each group's errors, then error and repeatability over all groups with verdicts.
+    """Return tables of each group's errors, and of error and repeatability over all groups.
 
     Parameters
     ----------
     data : CalibrationData
-        The points; a series is a group.
+        Points of the verification; each series is a group.
     verified : sequence of Verified
         The raw reading first.
     what : str
-        Which points, for the captions.
+        Name of the points in the captions.
     tolerance_percent : float
-        Of error and of repeatability, % FS.
+        Tolerance of error and repeatability, % FS.
     """
     errors = [each.torque_nm - data.standard_nm for each in verified]
     groups = np.unique(data.series)
@@ -107,14 +107,14 @@ def verification_tables(
 
 
 def kept_words(percent: float, tolerance_percent: float) -> str:
-    """Return whether a largest error keeps its tolerance, in words."""
+    """Return "met" if the largest error is within its tolerance, else "not met"."""
     return "met" if percent <= tolerance_percent else "not met"
 
 
 def before_after_figure(
     data: CalibrationData, verified: Verified, tolerance_percent: float = 0.1
 ) -> Figure:
-    """Draw the errors of the readings before and after a model."""
+    """Draw the errors of the readings before and after compensation by a model."""
     limit = tolerance_percent / 100.0 * data.range_nm
     panel = Panel(
         [

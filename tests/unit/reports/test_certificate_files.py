@@ -270,8 +270,10 @@ def test_forged_code_and_foreign_file_do_not_match(
     assert "no certificate TB-0" in str(check_certificate(registry, unknown).findings)
     foreign = tmp_path / "foreign.pdf"
     foreign.write_bytes(b"%PDF-1.7")
-    assert "states no number" in str(check_certificate(registry, str(foreign)).findings)
-    with pytest.raises(InputError, match="no file and no code"):
+    assert "contains no certificate number" in str(
+        check_certificate(registry, str(foreign)).findings
+    )
+    with pytest.raises(InputError, match="neither a file nor the code"):
         check_certificate(registry, "nowhere.pdf")
 
 

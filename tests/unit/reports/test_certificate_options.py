@@ -20,7 +20,7 @@ from torquebench.records import Registry
     [
         ((), "neither a calibration nor --check"),
         (("latest", "--check", "a.pdf"), "both, and --check"),
-        (("--check", "nowhere.pdf"), "no file and no code"),
+        (("--check", "nowhere.pdf"), "neither a file nor the code"),
         (("latest", "--number", "a/b"), "number"),
         (("latest", "--laboratory", "nowhere.toml"), "nowhere.toml"),
         (("no-such-run",), "no run 'no-such-run'"),

@@ -338,7 +338,7 @@ def test_unsealed_run_is_refused(registry: Registry) -> None:
 
 def test_nobody_authorising_is_refused(registry: Registry) -> None:
     bench = calibrated_bench(registry)
-    with pytest.raises(InputError, match="nobody authorises"):
+    with pytest.raises(InputError, match="without an authorising person"):
         build_record(registry, bench.calibration, Issue([" "]))
 
 

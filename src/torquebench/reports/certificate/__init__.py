@@ -1,4 +1,4 @@
-"""Certificates of calibrations: one record, and from it a PDF per language and a digital XML.
+"""Certificates of calibrations: a record, and written from it a PDF per language and an XML file.
 
 `build_record` collects the data of a registered calibration, `issue_certificate` writes and
 registers the files, and `check_certificate` verifies a file.

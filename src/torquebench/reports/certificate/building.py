@@ -1,4 +1,4 @@
-"""From a calibration in the registry to the record of its certificate."""
+"""Build the record of a certificate from a calibration in the registry."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ UNREVIEWED = {
     "typed_authorisation": "the authorisation was typed, not signed",
     "unknown_person": "whether the person who measured is another one is unknown",
 }
-"""Conditions of a certificate, and the messages of refusals."""
+"""Messages for each condition that makes a certificate unreviewed."""
 
 
 @dataclass(frozen=True)
@@ -91,11 +91,11 @@ class Issue:
     laboratory, customer : Party
         An unnamed laboratory is accepted for a simulated calibration only.
     languages : sequence of str
-        The first one leads.
+        Languages of the certificate; the first one is authoritative.
     tolerance_percent_fs : float or None
-        Subject of the statement of conformity; None where there is to be none.
+        Tolerance of the statement of conformity; None for no statement.
     number : str
-        Unique number; made from transducer and calibration where empty.
+        Unique number; if empty, it is made from transducer and calibration.
     issued : datetime.date, optional
         Today (UTC) by default.
     draft : bool
@@ -103,11 +103,11 @@ class Issue:
     refuse_unreviewed : bool
         Whether an unreviewed calibration is refused instead of stated on every page.
     review : Review, optional
-        Review of the calibration that is entered with the certificate; see `prepare_review`.
+        Review of the calibration to be registered with the certificate; see `prepare_review`.
     signature : Signature, optional
-        How the authorisation came about; by default that of `present_signature`.
+        How the authorising person was authenticated; by default `present_signature`.
     require_signatures : bool
-        Whether a review, an activation or an authorisation that was typed counts as none.
+        Whether typed reviews, activations and authorisations don't count.
     model_id : int, optional
         For a draft: the model to be activated; by default the active one, or the latest.
     """
@@ -133,16 +133,16 @@ def calibration_of(registry: Registry, run_id: str) -> CalibrationEntry:
     Raises
     ------
     RecordError
-        Where there is no such run, or it isn't sealed.
+        Where the run doesn't exist or isn't sealed.
     InputError
-        Where the run measured no calibration.
+        Where the run isn't a calibration.
     """
     run = registry.run(run_id)
     if run.finished is None:
         raise RecordError(
             Message("run {run_id} isn't sealed: it still runs, or was interrupted", run_id),
             "a completed, sealed run",
-            "let it end, or calibrate again",
+            "wait for its end, or calibrate again",
         )
     number = registry.calibration_of_run(run_id)
     if number is not None:
@@ -162,24 +162,24 @@ def calibration_of(registry: Registry, run_id: str) -> CalibrationEntry:
 def build_record(
     registry: Registry, calibration: CalibrationEntry, issue: Issue
 ) -> CertificateRecord:
-    """Return everything that the certificate of a calibration states.
+    """Collect everything that the certificate of a calibration states.
 
-    The run folder and the model file are checked against their registered hashes, and the points
-    against the profile that the run followed.
+    Run folder and model file are compared with their registered hashes, and the points with the
+    profile of the run.
 
     Parameters
     ----------
     registry : Registry
     calibration : CalibrationEntry
-        Held by a run of this registry. With a fitted model, results are stated before and after its
-        compensation.
+        A calibration measured by a run of this registry. If it has a model, results are stated
+        before and after compensation.
     issue : Issue
 
     Raises
     ------
     RecordError
-        Where the run isn't sealed, was changed, or departs from its profile in a way that the
-        profile refuses; where the number is taken.
+        Where the run isn't sealed or was changed, deviates from its profile in a way that the
+        profile doesn't allow, or the number exists already.
     InputError
         If no person authorises, a real laboratory has no name, or the calibration has no run.
     """
@@ -213,9 +213,9 @@ def build_record(
             "verified within its tolerance on fresh points, checked by a second person before it "
             "went into use, authorised by somebody who didn't measure, signed where the "
             "laboratory has accounts",
-            "verify it (`torquebench verification`), have it checked "
-            "(`torquebench records review`), put its model into use again "
-            "(`torquebench records use`), or have somebody else sign",
+            "verify it (`torquebench verification`), have it reviewed (`torquebench "
+            "records review`), activate its model again (`torquebench records use`), or "
+            "have another person sign",
         )
     earlier = registry.certificates(calibration.calibration_id)
     return CertificateRecord(
@@ -271,13 +271,13 @@ def build_record(
 
 
 def _loading(data: CalibrationData) -> str:
-    """Return it where torques were requested: a table of the steps alone shows no difference."""
+    """Return the loading accuracy as text; empty where no nominal torques were requested."""
     percent = data.loading_accuracy_percent
     return "" if not percent else Message("{percent:.2g} % of range", percent)
 
 
 def missing_statements(reference: Reference) -> Iterator[DeviationStatement]:
-    """Yield what ISO/IEC 17025 wants stated of the standard's certificate and nobody has."""
+    """Yield what ISO/IEC 17025 requires of the standard's certificate and what is missing."""
     clause = "ISO/IEC 17025 7.8.4.1 c"
     if not reference.certificate_number:
         yield DeviationStatement(
@@ -290,7 +290,7 @@ def missing_statements(reference: Reference) -> Iterator[DeviationStatement]:
 
 
 def _mounting(source: Source) -> dict[str, Any]:
-    """Return the statements of the mounting's record, by the fields of the certificate's."""
+    """Return the mounting's conditions as fields of the certificate's record."""
     record = MountingRecord.of_run(source.folder.metadata)
     return {} if record is None else record.stated()
 
@@ -302,9 +302,9 @@ def _unreviewed(
     verification: VerificationSummary | None,
     acts: _Acts,
 ) -> tuple[str, ...]:
-    """Return the keys of `UNREVIEWED` not confirmed by a second person or fresh points."""
+    """Return the keys of `UNREVIEWED` that apply to the calibration and its signatures."""
     found = []
-    # The person who enters a table is as responsible as the person who has measured.
+    # The person who enters a table counts like the person who measured.
     entered_by = str(source.folder.metadata.get("entered_by") or "")
     doers = (calibration.measured_by, source.run.operator, entered_by)
     measured = {name_key(name) for name in doers if name.strip()}
@@ -331,7 +331,7 @@ def _unreviewed(
 def _unsigned(
     calibration: CalibrationEntry, reviews: Sequence[Review], acts: _Acts, same: bool | None
 ) -> Iterator[str]:
-    """Yield what a policy that requires signatures doesn't accept."""
+    """Yield the keys of `UNREVIEWED` that apply if the laboratory requires signatures."""
     signed = [each for each in reviews if each.signature is not None and each.signature.signed]
     if reviews and not signed:
         yield "typed_check"
@@ -347,10 +347,9 @@ def _unsigned(
 
 @dataclass(frozen=True)
 class _Acts:
-    """Acts of people for a certificate, as the registry has them.
+    """Registered reviews and activation on which a certificate is based.
 
-    `reviews` are the accepted ones that cover the calibration, its model and the verification as
-    they are now.
+    `reviews` are the accepted reviews that cover the present calibration, model and verification.
     """
 
     accounts: Accounts
@@ -385,7 +384,7 @@ class _Acts:
         return cls(Accounts.of(registry.root), tuple(reviews), activation, signature)
 
     def stated(self, measured_by: str, measured: Signature | None, names: str) -> Iterator[Act]:
-        """Yield the acts as the certificate states them."""
+        """Yield who measured, reviewed, activated and authorised, as the certificate states it."""
         yield self._act("measured", measured_by, None, measured)
         for review in {each.checked_by: each for each in self.reviews}.values():
             yield self._act("checked", review.checked_by, review.checked, review.signature)
@@ -412,7 +411,9 @@ class _Acts:
 def _authorising(issue: Issue) -> tuple[str, ...]:
     names = tuple(name.strip() for name in issue.authorised_by if name.strip())
     if not (names or issue.draft):
-        raise InputError("a certificate that nobody authorises", "a name", "give --authorised-by")
+        raise InputError(
+            "a certificate without an authorising person", "a name", "give --authorised-by"
+        )
     return names
 
 
@@ -442,7 +443,7 @@ def _method(source: Source, calibration: CalibrationEntry) -> Method:
 
 
 def _compensation(source: Source) -> str:
-    """Return the model in words; empty without a model."""
+    """Return the title of the compensation model; empty without a model."""
     if source.chain is None:
         return ""
     model = source.chain.model
@@ -450,7 +451,7 @@ def _compensation(source: Source) -> str:
 
 
 def _placement(source: Source) -> tuple[int, int, int] | None:
-    """Return even points, placed points and rounds of an adaptive calibration."""
+    """Return an adaptive calibration's numbers of coarse points, placed points and rounds."""
     found = source.folder.results.get("placement")
     if not found:
         return None
@@ -479,7 +480,7 @@ def _item(registry: Registry, source: Source, calibration: CalibrationEntry) -> 
 
 
 def _worse(steps: Conformity | None, verification: VerificationSummary | None) -> Conformity | None:
-    """Return the worse verdict: of the calibration's steps, or of the verification's points."""
+    """Return the worse of two conformities: of the calibration's steps and of the verification."""
     fresh = None if verification is None else verification.conformity
     if steps is None or fresh is None:
         return steps
@@ -492,7 +493,7 @@ def _judged_points(
     latest: VerificationEntry,
     tolerance_percent_fs: float | None,
 ) -> Conformity | None:
-    """Judge the verification's own points as the verification itself does."""
+    """Return the conformity of the verification's points by the certificate's tolerance."""
     if tolerance_percent_fs is None or latest.run_id is None:
         return None
     folder = RunFolder.open(registry.run(latest.run_id).folder)
@@ -540,7 +541,8 @@ def _verification(
         groups=int(latest.summary["groups"]),
         worst_before_nm=float(raw["against_standard"]["worst_nm"]),
         worst_after_nm=float(compensated["against_standard"]["worst_nm"]),
-        # Averaged errors of a simulated bench refer to the true torque, which no standard shows.
+        # Averaged errors of a simulated bench refer to the true torque, which a certificate can't
+        # state.
         averaged_after_nm=None if averaged is None or truth else float(averaged["worst_nm"]),
         data_sha256=latest.data_sha256,
         conformity=_judged_points(registry, source, latest, tolerance_percent_fs),

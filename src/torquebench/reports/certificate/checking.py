@@ -1,4 +1,4 @@
-"""Whether a certificate is the issued one."""
+"""Check whether a certificate's file or QR code is that of an issued certificate."""
 
 import hashlib
 import re
@@ -29,21 +29,21 @@ class CertificateCheck:
     Parameters
     ----------
     number : str
-        Number that file or code states; empty where it states none.
+        Number in the file or code; empty if there is none.
     entry : CertificateEntry or None
-        The certificate of this number in the registry.
+        The registered certificate with this number.
     findings : tuple of str
         Differences; empty for an unchanged certificate.
     acts : tuple of (role, name, Signature or None)
-        How review, use and authorisation came about, as the registry has it.
+        How the persons who reviewed, activated and authorised were authenticated.
     unsigned : tuple of str
-        Acts that a policy doesn't accept that requires signatures.
+        Typed reviews, activations and authorisations, if the laboratory requires signatures.
     schema : {"valid", "invalid", "not checked", ""}
-        Of a digital certificate; empty for other files.
+        Result of the schema's check of a digital certificate; empty for other files.
     replaced_by : str
-        Number of the certificate that has replaced this one.
+        Number of the certificate that replaced this one.
     foreign : DigitalCertificate or None
-        What a digital certificate of another laboratory states.
+        Content of another laboratory's digital certificate.
     """
 
     number: str
@@ -57,35 +57,35 @@ class CertificateCheck:
 
     @property
     def matches(self) -> bool:
-        """Whether there are no findings, and nothing unsigned that should be signed."""
+        """Whether there are no findings and no missing signatures."""
         return not self.findings and not self.unsigned
 
 
 def check_certificate(registry: Registry | None, given: str) -> CertificateCheck:
     """Compare a certificate's file, or the text of its QR code, with the registry.
 
-    A file must have the very bytes that were issued; a code must have number and hash of an
-    issued record; XML is compared with schema and schematron too. Where the laboratory requires
-    signatures, a review or an authorisation that was typed is named. Of a digital certificate of
-    another laboratory the schema alone is checked.
+    A file must be identical to the issued one; a code must contain number and hash of an issued
+    record; XML is also checked by schema and schematron. If the laboratory requires signatures,
+    typed reviews and authorisations are listed. A digital certificate of another laboratory is only
+    checked by the schema.
 
     Parameters
     ----------
     registry : Registry or None
-        Without one only certificates of other laboratories are checked.
+        None checks certificates of other laboratories only.
     given : str
-        Path of a PDF, XML or JSON file, or the text that a scanner reads from the code.
+        Path of a PDF, XML or JSON file, or the text of the QR code.
 
     Raises
     ------
     InputError
-        Where it is neither a file nor such a text.
+        Where it is neither a file nor the text of a QR code.
     """
     code = _PAYLOAD.fullmatch(given.strip())
     path = Path(given)
     if code is None and not path.is_file():
         raise InputError(
-            Message("{given!r} is no file and no code of a certificate", given),
+            Message("{given!r} is neither a file nor the code of a certificate", given),
             Message(
                 "a PDF, XML or JSON file, or a text like {payload_prefix};NUMBER;HASH",
                 PAYLOAD_PREFIX,
@@ -113,7 +113,7 @@ def check_certificate(registry: Registry | None, given: str) -> CertificateCheck
 
 
 def _with_acts(registry: Registry | None, found: CertificateCheck) -> CertificateCheck:
-    """Return a check with the acts of people, by the registry, and what should be signed."""
+    """Add the registered signatures to a check, and list the missing ones."""
     entry = found.entry
     if entry is None or registry is None:
         return found
@@ -137,7 +137,7 @@ def _with_acts(registry: Registry | None, found: CertificateCheck) -> Certificat
 
 
 def _stated(content: bytes, digest: str, issued: list[CertificateEntry]) -> tuple[str, str]:
-    """Return number and record hash of a file, by its code or by its registration."""
+    """Return number and record hash of a file, from its QR text or from the registry."""
     stated = _PAYLOAD.search(content.decode("utf-8", "replace"))
     if stated is not None:
         return stated[1], stated[2]
@@ -151,7 +151,7 @@ def _checked(
     issued: list[CertificateEntry], number: str, record_sha256: str, digest: str | None
 ) -> CertificateCheck:
     if not number:
-        return CertificateCheck("", None, ("it states no number of a certificate",))
+        return CertificateCheck("", None, ("it contains no certificate number",))
     entry = next((each for each in issued if each.number == number), None)
     if entry is None:
         return CertificateCheck(number, None, (f"no certificate {number} is registered here",))
@@ -169,7 +169,7 @@ def _checked(
 
 
 def schema_findings(content: bytes) -> tuple[str, ...] | None:
-    """Return the violations of PTB's schema and schematron by a digital certificate.
+    """List how a digital certificate violates PTB's schema and schematron.
 
     Parameters
     ----------
@@ -179,8 +179,8 @@ def schema_findings(content: bytes) -> tuple[str, ...] | None:
     Returns
     -------
     tuple of str or None
-        Empty for a valid one; None where the optional package that bundles both isn't installed, or
-        where it doesn't know the version that the certificate states.
+        Empty for a valid certificate; None if the optional package with both isn't installed or
+        doesn't know the certificate's version.
     """
     try:
         from dcclib.validation import SchematronValidator, XsdValidator
@@ -197,15 +197,15 @@ def schema_findings(content: bytes) -> tuple[str, ...] | None:
     known = next((each for each in SchemaVersion if each.name == name), None)
     if known is None:
         return None
-    for signature in tree.findall(_SIGNATURE):  # schemas before 3.2 don't know it
+    for signature in tree.findall(_SIGNATURE):  # not part of schemas before 3.2
         tree.remove(signature)
     schema = XsdValidator.from_version(known).validate_tree(tree)
     if not schema.is_valid:
         return tuple(f"schema, line {each.line}: {each.message}" for each in schema.errors)
-    if known is not SchemaVersion.latest:  # dcclib has the schematron of that one alone
+    if known is not SchemaVersion.latest:  # dcclib has only this version's schematron
         return ()
     report = SchematronValidator.for_dcc().validate_tree(tree)
-    # dcclib counts failed assertions only; the schematron also reports forbidden content.
+    # dcclib returns failed assertions only, but the schematron also reports forbidden content.
     return tuple(
         f"schematron, {_PLACE.sub('/', each.location)}: {' '.join(each.text.split())}"
         for each in (*report.failed_assertions, *report.successful_reports)

@@ -1,4 +1,4 @@
-"""Content of the PDF: words and numbers in one language, for the template."""
+"""Content of the PDF for the template: texts and numbers in one language."""
 
 from collections.abc import Sequence
 from datetime import date
@@ -36,7 +36,7 @@ _ARROWS = {1: "↑", -1: "↓", 0: ""}
 
 
 def certificate_content(record: CertificateRecord, language: str) -> dict[str, Any]:
-    """Return everything that the template shows.
+    """Return all texts and numbers that the template needs.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def certificate_content(record: CertificateRecord, language: str) -> dict[str, A
     Returns
     -------
     dict
-        Text, lists of text, and None for hidden parts.
+        Texts and lists of texts; None hides a part.
     """
     words = labels_of(language)
     return {
@@ -76,12 +76,12 @@ def certificate_content(record: CertificateRecord, language: str) -> dict[str, A
 
 
 def _word(key: str, record: CertificateRecord) -> str:
-    """Return the key of a label; of its variant without compensation."""
+    """Return the key of a label, or of its variant for certificates without compensation."""
     return key if record.compensation else f"{key}_raw"
 
 
 def _banner(record: CertificateRecord, words: Labels) -> str | None:
-    """Return the warning of every page."""
+    """Return the warning that stands on every page; None without a warning."""
     shown = [words[key] for key in ("draft", "simulated") if getattr(record, key)]
     if record.unreviewed:
         shown.append(unreviewed_words(record, words))
@@ -89,7 +89,7 @@ def _banner(record: CertificateRecord, words: Labels) -> str | None:
 
 
 def unreviewed_words(record: CertificateRecord, words: Labels) -> str:
-    """List statements not confirmed by a second person or fresh points."""
+    """Name what no second person or fresh points confirmed."""
     reasons = ", ".join(words[f"unreviewed_{each}"] for each in record.unreviewed)
     return f"{words['unreviewed']}: {reasons}"
 
@@ -100,7 +100,7 @@ def not_in_u_words(record: CertificateRecord, words: Labels) -> str:
 
 
 def chain_words(record: CertificateRecord, words: Labels) -> str:
-    """Name the measuring chain, with its side of the bench."""
+    """Name the measuring chain and its side of the bench."""
     side = record.item.side
     return ", ".join(
         [words["chain"], *([words.said(Message("{side} side", side))] if side else [])]
@@ -162,7 +162,7 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
 
 
 def _person(role: str, otherwise: str, record: CertificateRecord, words: Labels) -> list[str]:
-    """Return who acted in a role, and how that came about."""
+    """Return the persons in a role and how each was authenticated."""
     acts = [act for act in record.acts if act.role == role and act.name]
     return [line for act in acts for line in (act.name, f"– {act_words(act, words)}")] or [
         otherwise
@@ -170,7 +170,7 @@ def _person(role: str, otherwise: str, record: CertificateRecord, words: Labels)
 
 
 def act_words(act: Act, words: Labels) -> str:
-    """State how an act came about, when, and who set the person's password shortly before."""
+    """State how and when a person was authenticated, and who set their password shortly before."""
     parts = [words.said(how(act.signature))]
     if act.moment is not None:
         parts.append(f"{act.moment:%Y-%m-%d %H:%M} UTC")
@@ -181,7 +181,7 @@ def act_words(act: Act, words: Labels) -> str:
 
 
 def place_words(record: CertificateRecord, words: Labels) -> str:
-    """State where it was calibrated."""
+    """State the place of calibration."""
     item = record.item
     where = item.bench or words["not_stated"]
     return words["place_in_bench"].format(bench=where) if item.in_place else where
@@ -322,9 +322,9 @@ def _results(record: CertificateRecord, words: Labels) -> dict[str, Any]:
 
 
 def _shown(record: CertificateRecord) -> list[ResultRow]:
-    """Return the rows of the table: all, or at many steps those of `listed_steps`.
+    """Return the table's rows: all of them, or with many steps those of `listed_steps`.
 
-    The steps that decide about conformity and budget are always listed.
+    The steps that decide conformity and budget are always listed.
     """
     steps = {row.torque_nm for row in record.results}
     if len(steps) <= MOST_ROWS:

@@ -1,4 +1,4 @@
-"""The digital calibration certificate: XML in the form of PTB's DCC, version 3.3.0."""
+"""The digital calibration certificate: XML by PTB's DCC schema, version 3.3.0."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -37,8 +37,7 @@ _SI = "https://ptb.de/si"
 _NEWTON_METRE = r"\newton\metre"
 _COVERAGE = 0.9545
 _UNKNOWN_COUNTRY = "AQ"
-"""Antarctica, without a laboratory: the schema requires a country, and the schematron a real one,
-even for a simulated calibration.
+"""Antarctica, for an unknown country: the schematron requires an existing one.
 """
 
 
@@ -73,7 +72,7 @@ def _add(parent: ElementTree.Element, name: str, text: str | None = None) -> Ele
 
 
 class _Writer:
-    """Writes one record."""
+    """Builds the XML tree of one record."""
 
     def __init__(self, record: CertificateRecord) -> None:
         self.record = record
@@ -87,18 +86,18 @@ class _Writer:
         self._results(_add(root, "measurementResults"))
         return root
 
-    # Text in every language of the certificate
+    # Texts in every language of the certificate
 
     def _spoken(
         self, parent: ElementTree.Element, name: str, said: Callable[[Labels], str | None]
     ) -> None:
-        """Add an element with what is said in each language."""
+        """Add an element with a text in each language of the certificate."""
         element = _add(parent, name)
         for language, words in self.words.items():
             _add(element, "content", said(words)).set("lang", language)
 
     def _words(self, parent: ElementTree.Element, name: str, *keys: str, **values: object) -> None:
-        """Add an element with a label's text, in each language."""
+        """Add an element with the text of labels in each language."""
         self._spoken(
             parent, name, lambda words: " ".join(words[key].format(**values) for key in keys)
         )
@@ -120,7 +119,7 @@ class _Writer:
         roles = [
             (name, "authorised", place == 0) for place, name in enumerate(record.authorised_by)
         ]
-        # The schema requires a responsible person even of a draft that nobody has authorised.
+        # The schema requires a responsible person even in a draft that nobody has authorised.
         roles = roles or [("-", "authorised", True)]
         acts = {act.role: act for act in record.acts}
         roles += [(act.name, act.role, False) for act in record.acts if act.role != "authorised"]
@@ -139,7 +138,7 @@ class _Writer:
         software = _add(parent, "software")
         self._text(software, "name", "torquebench")
         numbers = re.match(r"\d+(\.\d+){0,2}", self.record.software_version)
-        _add(software, "release", f"v{numbers[0] if numbers else 0}")  # no suffix is allowed
+        _add(software, "release", f"v{numbers[0] if numbers else 0}")  # the schema allows no suffix
 
     def _core(self, parent: ElementTree.Element) -> None:
         record = self.record
@@ -244,7 +243,7 @@ class _Writer:
         self._static_statements(parent)
 
     def _model(self, parent: ElementTree.Element) -> None:
-        """Add the model by the hash of its file, and its verification."""
+        """Add the hash of the model's file, and the model's verification."""
         record = self.record
         if not record.compensation:
             return
@@ -429,7 +428,7 @@ def _static_labels(table: StaticTable, record: CertificateRecord) -> tuple[str, 
 
 
 def _tables(rows: Sequence[ResultRow]) -> list[tuple[str, str, list[ResultRow]]]:
-    """Return the rows by direction and branch, with the keys of their labels."""
+    """Group the rows by direction and branch, with the keys of the groups' labels."""
     tables: dict[tuple[str, str], list[ResultRow]] = {}
     for row in rows:
         counter_clockwise = f"{row.torque_nm:g}".startswith("-")  # distinguishes -0.0, too

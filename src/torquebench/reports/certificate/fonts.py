@@ -1,4 +1,4 @@
-"""Fonts of a certificate, and what to install if one is missing."""
+"""Fonts of a certificate, and the package to install if one is missing."""
 
 import unicodedata
 from collections.abc import Iterable, Iterator
@@ -23,7 +23,7 @@ CHINESE = (
     "Source Han Sans SC",
     "WenQuanYi Zen Hei",
 )
-"""The first installed one is used."""
+"""Chinese fonts; the first installed one is used."""
 
 
 def has_chinese(texts: Iterable[str]) -> bool:
@@ -43,7 +43,7 @@ def chinese_family(installed: typst.Fonts) -> str:
     Raises
     ------
     InputError
-        Where there is none, naming the Debian package.
+        Where none is installed; the message names the Debian package.
     """
     families = set(installed.families())
     for family in CHINESE:
@@ -57,14 +57,14 @@ def chinese_family(installed: typst.Fonts) -> str:
 
 
 def fonts_for(content: Any, installed: typst.Fonts | None = None) -> tuple[typst.Fonts, list[str]]:
-    """Return the fonts to set texts in, and the names of their families in order.
+    """Return the fonts for texts, and the names of their families in order of preference.
 
     Parameters
     ----------
     content : mapping or sequence
-        Everything that will be set: the texts in it, at any depth.
+        The texts to set, at any depth.
     installed : typst.Fonts, optional
-        By default those of the system.
+        Installed fonts; by default those of the system.
 
     Raises
     ------

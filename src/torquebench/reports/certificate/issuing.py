@@ -1,4 +1,4 @@
-"""Write the files of a certificate and enter them in the registry."""
+"""Write the files of a certificate and register it."""
 
 import hashlib
 import json
@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 UNREGISTERED = ".unregistered-"
-"""Part of the name of a folder of files without a registered certificate."""
+"""Part of the name of a folder with the files of a certificate that was never registered."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def certificate_files(record: CertificateRecord) -> dict[str, bytes]:
 
 
 def archive_folder(registry: Registry, number: str) -> Path:
-    """Return where the data directory keeps the files of a certificate."""
+    """Return the folder of a certificate's files in the data directory."""
     return registry.root / "certificates" / number
 
 
@@ -67,28 +67,28 @@ def issue_certificate(
 ) -> IssuedCertificate:
     """Write the files of a certificate and register it.
 
-    The data directory keeps one copy in ``certificates/NUMBER``. Files of an issue that was
-    interrupted before its registration are moved aside.
+    The data directory keeps a copy in ``certificates/NUMBER``. If an earlier attempt was
+    interrupted before the registration, its folder is renamed.
 
     Parameters
     ----------
     registry : Registry
     record : CertificateRecord
-        As `build_record` returns it.
+        The record from `build_record`.
     folder : pathlib.Path, optional
         Folder for a second copy; it is created. Nothing in it is overwritten.
     review : Review, optional
-        Entered with the certificate, or with it not at all.
+        A review to register in the same transaction.
 
     Raises
     ------
     InputError
-        Where a file is there already, the folder can't be written, or a font is missing.
+        Where a file exists already, the folder can't be written, or a font is missing.
     RecordError
-        Where the record is a draft or its number is taken; nothing is written then.
+        Where the record is a draft or its number exists already; then nothing is written.
     """
     if record.draft:
-        raise RecordError("a draft", "a record that somebody authorises")
+        raise RecordError("a draft", "a record with an authorising person")
     if any(entry.number == record.number for entry in registry.certificates()):
         raise RecordError(
             Message("certificate {number} is already issued", record.number),
@@ -101,7 +101,7 @@ def issue_certificate(
         if folder is not None and (folder / name).exists():
             raise InputError(
                 Message("{path} exists", folder / name),
-                "files that aren't there yet",
+                "files that don't exist yet",
                 "give another --out",
             )
     _set_aside(archive)
@@ -118,14 +118,14 @@ def issue_certificate(
     def register() -> None:
         known = registry.certificates(record.calibration_id)
         if not any(each.number == entry.number and each.files == entry.files for each in known):
-            # otherwise the server failed after it had stored the entry
+            # if it is registered, the server failed after it had stored the entry
             with registry.writing():
                 if review is not None:
                     registry.add(review)
                 registry.add_certificate(entry)
 
     registry.patiently(register)
-    if folder is not None:  # nothing leaves the archive before it is registered
+    if folder is not None:  # the second copy is written only after registration
         _write(folder, contents)
     files = tuple((folder or archive) / name for name in contents)
     return IssuedCertificate(record, files, entry)
@@ -144,7 +144,7 @@ def _write(folder: Path, contents: Mapping[str, bytes], *, private: bool = False
 
 
 def unregistered_certificates(registry: Registry) -> tuple[Path, ...]:
-    """Return archive folders of certificates that were written and never registered."""
+    """Return folders of certificates whose files were written but that weren't registered."""
     known = {entry.number for entry in registry.certificates()}
     folder = registry.root / "certificates"
     found = sorted(folder.iterdir()) if folder.is_dir() else []

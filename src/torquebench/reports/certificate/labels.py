@@ -20,7 +20,7 @@ LANGUAGES = ("en", "de", "zh")
 
 
 class Labels:
-    """The words of one language.
+    """The labels, terms and number format of one language.
 
     Examples
     --------
@@ -36,11 +36,11 @@ class Labels:
         self._words = words
 
     def __getitem__(self, key: str) -> str:
-        """Return the text of a key of the layout, otherwise the term of the core."""
+        """Return the text of a label; for other keys, the translated term of the core."""
         return self._words.get(key) or self.said(key)
 
     def said(self, message: str) -> str:
-        """Return a message, term or short name of the core in this language.
+        """Translate a message, term or short name of the core.
 
         Examples
         --------
@@ -57,11 +57,11 @@ class Labels:
         return self._marked(text)
 
     def short(self, value: float, digits: int = 6) -> str:
-        """Return a number with as many digits as it needs, no more than `digits`."""
+        """Return a number with up to `digits` significant digits."""
         return self._marked(f"{value:.{digits}g}")
 
     def pair(self, value: float, expanded_uncertainty: float) -> tuple[str, str]:
-        """Return value and uncertainty to the same place, two digits of the uncertainty."""
+        """Return value and uncertainty, rounded to two significant digits of the uncertainty."""
         decimals = rounded(expanded_uncertainty)[1]
         return self.number(value, decimals), self.uncertainty(expanded_uncertainty)
 
@@ -76,7 +76,7 @@ class Labels:
 
 
 def check_languages(languages: tuple[str, ...]) -> None:
-    """Refuse a language without texts.
+    """Raise an error for a language that has no texts.
 
     Raises
     ------
@@ -89,12 +89,12 @@ def check_languages(languages: tuple[str, ...]) -> None:
 
 @cache
 def labels_of(language: str) -> Labels:
-    """Return the words of a language.
+    """Return the labels of a language.
 
     Raises
     ------
     InputError
-        Where there are none.
+        Where the language has no texts.
     """
     check_languages((language,))
     text = (resources.files(__package__) / "labels.toml").read_text(encoding="utf-8")

@@ -15,9 +15,11 @@ from torquebench.validation import parse_toml, validated
 __all__ = ["LABORATORY_FILE", "Letterhead", "kept_letterhead", "person_among", "read_letterhead"]
 
 LABORATORY_FILE = "laboratory.toml"
-"""File in a data directory."""
+"""Name of the file in a data directory."""
 
-_SHAPE = '[laboratory] with name, city and country ("DE"), and where wanted [customer] likewise'
+_SHAPE = (
+    '[laboratory] with name, city and country ("DE"), and optionally [customer] with the same keys'
+)
 
 
 class _Party(BaseModel):
@@ -46,12 +48,12 @@ class _Policy(BaseModel):
 
 
 class Letterhead(BaseModel):
-    """The laboratory that issues, and the customer; the laboratory itself if none is given.
+    """The issuing laboratory and its customer; without a customer, the laboratory itself.
 
-    `laboratory.people` are the persons who measure, check and sign. `policy.unreviewed` determines
-    whether an unreviewed certificate is refused, or issued with a statement on every page;
-    `policy.signatures` whether a review or an authorisation that was typed counts as one. The
-    simulated bench needs no laboratory, but may have a policy.
+    `laboratory.people` are the persons who measure, review and sign. `policy.unreviewed` determines
+    whether an unreviewed certificate is refused or issued with a statement on every page;
+    `policy.signatures`, whether typed reviews and authorisations count. The simulated bench needs
+    no laboratory, but may have a policy.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -62,7 +64,7 @@ class Letterhead(BaseModel):
 
     @property
     def parties(self) -> tuple[Party, Party]:
-        """Laboratory and customer; both empty if there is no laboratory."""
+        """Laboratory and customer; both empty without a laboratory."""
         laboratory = Party() if self.laboratory is None else self.laboratory.party()
         return laboratory, laboratory if self.customer is None else self.customer.party()
 
@@ -77,19 +79,19 @@ class Letterhead(BaseModel):
         return self.policy.unreviewed == "refuse"
 
     def requires_signatures(self, root: Path) -> bool:
-        """Whether reviews and authorisations must be signed; by default where accounts exist."""
+        """Whether reviews and authorisations must be signed; by default only if accounts exist."""
         if self.policy.signatures is None:
             return bool(Accounts.of(root))
         return self.policy.signatures == "require"
 
 
 def kept_letterhead(root: Path) -> Letterhead:
-    """Return the laboratory of a data directory; the strict default without a file.
+    """Read the laboratory of a data directory; without a file, return the strict default.
 
     Raises
     ------
     InputError
-        The file can't be used; with its key.
+        Where the file is invalid; the message names the key.
     """
     path = root / LABORATORY_FILE
     return read_letterhead(path) if path.is_file() else Letterhead()
@@ -101,7 +103,7 @@ def person_among(name: str, people: Iterable[str], what: str = "measured by") ->
     Raises
     ------
     InputError
-        Nobody there is called that.
+        Where the laboratory has no person of this name.
 
     Examples
     --------
@@ -128,14 +130,14 @@ def read_letterhead(path: Path) -> Letterhead:
     Parameters
     ----------
     path : pathlib.Path
-        A TOML file with the table ``[laboratory]`` (name, street, post_code, city, country,
-        email, people), where the customer is somebody else ``[customer]``, and where wanted
-        ``[policy]`` with ``unreviewed = "state"`` or ``signatures = "require"``.
+        A TOML file with the table ``[laboratory]`` (name, street, post_code, city, country, email,
+        people), optionally ``[customer]``, and optionally ``[policy]`` with ``unreviewed =
+        "state"`` or ``signatures = "require"``.
 
     Raises
     ------
     InputError
-        With file and key.
+        Where the file is invalid; the message names file and key.
     """
     try:
         text = path.read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The record from which PDF and digital certificate are written: all their statements."""
+"""The record that contains every statement of the PDF and the digital certificate."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -41,10 +41,10 @@ RECORD_FORMAT = 4
 
 
 def stated(label: str, default: Any = MISSING) -> Any:
-    """Declare a field that every form of the certificate states by itself, with its label.
+    """Declare a field that every form of the certificate displays with a label.
 
-    The PDF shows it among its facts, the digital certificate as a statement; empty ones aren't
-    shown.
+    The PDF lists it among the facts, the digital certificate as a statement. Empty fields aren't
+    displayed.
     """
     return field(default=default, metadata={"label": label})
 
@@ -56,9 +56,9 @@ class Party:
     Parameters
     ----------
     name : str
-        Empty if none was stated.
+        Its name; empty if not stated.
     street, post_code, city, country : str
-        Its address; `country` is the two letters of ISO 3166-1.
+        Its address; `country` is the two-letter code of ISO 3166-1.
     email : str
     """
 
@@ -77,13 +77,13 @@ class Item:
     Parameters
     ----------
     serial, manufacturer, model : str
-        Of the transducer.
+        Data of the transducer.
     side : str
-        ``"input"`` or ``"output"`` of the bench; empty elsewhere.
+        ``"input"`` or ``"output"`` side of the bench; empty outside a bench.
     in_place : bool
-        Whether it was calibrated where it is used, in its bench.
+        Whether it was calibrated in the bench where it is used.
     bench, counter_identity : str
-        The rest of the chain: where it is fitted, and which clock times it.
+        Bench that it is built into, and counter that measures its frequency.
     range_nm : float
         Full scale in N·m.
     """
@@ -100,10 +100,10 @@ class Item:
 
 @dataclass(frozen=True)
 class Method:
-    """The profile, and whether it has been checked against its source.
+    """The calibration profile, and whether it was checked against its source.
 
-    `placement` describes the placed points of an adaptive calibration, `table` the file of an
-    external table; both are empty for other calibrations.
+    `placement` describes the points of an adaptive calibration, `table` the file of an external
+    calibration; both are empty for other calibrations.
     """
 
     name: str
@@ -125,12 +125,12 @@ class Reference:
     Parameters
     ----------
     expanded_uncertainty_percent : float
-        Largest U (k = 2), % of the range. Where `of_range` is false it is this share of each
-        torque, where `certified` is given U over the torque.
+        Largest U (k = 2), % of the range; if `of_range` is false, % of each torque. If `certified`
+        is given, that applies instead.
     performed, due : datetime.date or None
-        Day of its calibration, and last day on which it counts; None if it wasn't stated.
+        Day of its calibration, and last day on which it is valid; None if not stated.
     certified : CertifiedUncertainty or None
-        Over the torque, where its certificate states a table.
+        U as a function of torque, if its certificate contains a table.
     """
 
     serial: str
@@ -145,13 +145,13 @@ class Reference:
 
     @property
     def label(self) -> str:
-        """Name of the words that state it."""
+        """Key of the label that states its uncertainty."""
         if self.certified is not None:
             return "reference_text_table"
         return "reference_text" if self.of_range else "reference_text_relative"
 
     def uncertainty(self, range_nm: float) -> CertifiedUncertainty:
-        """Return U (k = 2) over the torque."""
+        """Return U (k = 2) as a function of torque."""
         if self.certified is not None:
             return self.certified
         share = 1e-2 * self.expanded_uncertainty_percent
@@ -169,8 +169,8 @@ class ResultRow:
     Parameters
     ----------
     torque_nm : float
-        Nominal torque of the step in N·m, clockwise positive. The zero that is returned to from
-        counter-clockwise torque is -0.0.
+        Nominal torque of the step in N·m, clockwise positive; -0.0 is the zero after
+        counter-clockwise torque.
     branch : int
         +1 increasing, -1 decreasing, 0 unknown.
     standard_nm : float
@@ -178,15 +178,15 @@ class ResultRow:
     readings : int
         Number of series in the mean.
     error_before_nm, error_after_nm : float
-        Mean of indication minus standard, raw and compensated, in N·m; everything "after" is
-        None where no compensation belongs to the calibration.
+        Mean of indication minus standard, raw and compensated, in N·m; all "after" fields are None
+        without compensation.
     expanded_before_nm, expanded_after_nm : float
         Expanded uncertainty of the errors in N·m.
     factor_before, factor_after : float
         Coverage factors k.
     verdict : str or None
-        Of the error after compensation (before it, where there is none), as `Verdict` has it;
-        None without a statement of conformity.
+        `Verdict` of the compensated error (without compensation, of the raw error); None without a
+        statement of conformity.
     """
 
     torque_nm: float
@@ -203,7 +203,7 @@ class ResultRow:
 
     @property
     def judged(self) -> tuple[float, float, float]:
-        """Error, expanded uncertainty and coverage factor that the certificate is about."""
+        """Error, expanded uncertainty and coverage factor that the certificate assesses."""
         if self.error_after_nm is None or self.expanded_after_nm is None:
             return self.error_before_nm, self.expanded_before_nm, self.factor_before
         assert self.factor_after is not None
@@ -212,18 +212,18 @@ class ResultRow:
 
 @dataclass(frozen=True)
 class BudgetRow:
-    """One contribution to the uncertainty of the error that the certificate is about.
+    """One contribution to the uncertainty of the assessed error.
 
     Parameters
     ----------
     name : str
     distribution : str
     standard_uncertainty_nm : float
-        In N·m; all sensitivity coefficients are 1.
+        Standard uncertainty in N·m; all sensitivity coefficients are 1.
     degrees_of_freedom : float or None
-        None for infinitely many.
+        Degrees of freedom; None means infinite.
     share : float
-        Part of the variance.
+        Share of the variance.
     """
 
     name: str
@@ -242,13 +242,13 @@ class Conformity:
     tolerance_percent_fs : float
         Largest allowed |error| in % of full scale.
     verdict : str
-        The worst of all steps, or of all points of the verification.
+        The worst verdict of all steps, or of all points of the verification.
     worst_error_nm, expanded_nm, at_nm : float
-        Error, its expanded uncertainty and the torque of the step or point that decides.
+        Error, its expanded uncertainty and torque at the deciding step or point.
     counts : mapping of str to int
         Number of steps or points by verdict.
     fresh : bool
-        Whether it rests on the verification's points.
+        Whether it is based on the verification's points.
     """
 
     tolerance_percent_fs: float
@@ -267,7 +267,7 @@ class TurningBudget:
     Parameters
     ----------
     torque_nm, speed_rpm, temperature_c : float
-        Where it holds.
+        Operating point of the budget.
     rows : tuple of BudgetRow
     expanded_nm, factor : float
         U in N·m and its coverage factor.
@@ -288,11 +288,11 @@ class VerificationSummary:
     Parameters
     ----------
     worst_before_nm, worst_after_nm : float
-        Largest |error| of single readings in N·m.
+        Largest |error| of a single reading in N·m.
     averaged_after_nm : float or None
-        Largest |error| averaged over the groups.
+        Largest |error| after averaging over the groups, in N·m.
     conformity : Conformity or None
-        Conformity of its own points; None without a tolerance, or without a run with the points.
+        Conformity of the verification's points; None without a tolerance or without a run.
     """
 
     performed: date
@@ -307,7 +307,7 @@ class VerificationSummary:
 
 @dataclass(frozen=True)
 class DeviationStatement:
-    """One deviation from the profile that the certificate carries."""
+    """One deviation from the profile that the certificate states."""
 
     clause: str
     found: str
@@ -321,21 +321,22 @@ class DeviationStatement:
 
 @dataclass(frozen=True)
 class Act:
-    """What a person did for the certificate, and how it came about.
+    """What a person did for the certificate, and how they were authenticated.
 
     Parameters
     ----------
     role : {"measured", "checked", "used", "authorised"}
     name : str
-        The person that it names.
+        The person's name.
     moment : datetime.datetime or None
-        When, in UTC; None for the measurement, whose days are the calibration's.
+        Time in UTC; None for the measurement, which has the calibration's dates.
     signature : Signature or None
         None before 0.3.0.
     covers_sha256 : str
-        Hash of what it was about: the calibration with its models and their verifications.
+        Hash of the calibration with its models and their verifications, if the signature covers
+        them.
     password_set : tuple of (date, str)
-        Days on which somebody else set the password of the account, and who, in the 30 days before.
+        Days within the 30 days before on which somebody else set the account's password, and who.
     """
 
     role: str
@@ -347,22 +348,22 @@ class Act:
 
     @property
     def signed(self) -> bool:
-        """Whether the person gave the password of their account for it."""
+        """Whether the person gave their account's password for it."""
         return self.signature is not None and self.signature.signed
 
 
 @dataclass(frozen=True)
 class StaticRow:
-    """The quantities of a static evaluation at one step, in % of the deflection; None: not known.
+    """The quantities of a static evaluation at one step, in % of the deflection; None if unknown.
 
     Parameters
     ----------
     torque_nm : float
         Magnitude of the step in N·m.
     indication, repeatability, reproducibility, interpolation, reversibility : float or None
-        f_q, b′, b (range form), f_a, h.
+        The quantities f_q, b′, b (as a range), f_a, h.
     expanded, interval : float or None
-        Expanded uncertainty W (k = 2) about the interpolation, and W′ = |f_q| + W.
+        Expanded uncertainty W (k = 2) of the interpolation, and W′ = |f_q| + W.
     """
 
     torque_nm: float
@@ -377,7 +378,7 @@ class StaticRow:
 
 @dataclass(frozen=True)
 class StaticClass:
-    """A class that is kept from a torque (magnitude, N·m) up to the largest step."""
+    """A class whose limits are met from a torque (magnitude, N·m) up to the largest step."""
 
     accuracy_class: float
     from_nm: float
@@ -395,13 +396,13 @@ class StaticTable:
     rows : tuple of StaticRow
         In rising order of torque.
     degree : int
-        Of the interpolation through zero.
+        Degree of the interpolation through zero.
     resolution_nm : float
-        Resolution that entered, in N·m.
+        Resolution used in the evaluation, in N·m.
     zero_residual : float or None
         f₀ in % of the span.
     classes : tuple of StaticClass
-        Each over its largest range: a worse class only where its range is larger.
+        Each class with its largest range; a worse class is listed only if its range is larger.
     missing : tuple of str
         Symbols of the quantities that a class needs and that weren't measured.
     """
@@ -418,7 +419,7 @@ class StaticTable:
 
 @dataclass(frozen=True)
 class ZeroHysteresisStatement:
-    """The largest difference of the zeros after either direction over so many cycles."""
+    """Largest difference between the zeros after both directions, over a number of cycles."""
 
     cycles: int
     before_nm: float
@@ -436,41 +437,43 @@ class CertificateRecord:
     number : str
         Unique number of the certificate.
     languages : tuple of str
-        ``"en"``, ``"de"``, ``"zh"``: one PDF each, all of them in the XML; the first one leads.
+        ``"en"``, ``"de"``, ``"zh"``: one PDF per language, all in the XML; the first is
+        authoritative.
     draft : bool
-        Whether it isn't issued, which every page then states.
+        Whether it is only a draft; every page then states this.
     simulated : bool
-        Whether the bench was simulated, which every page then states.
+        Whether the bench was simulated; every page then states this.
     calibrated_from, calibrated_to, issued : datetime.date
         First and last day of the calibration, and day of issue.
     temperature_c : tuple of float or None
         Lowest and highest temperature of the calibration in °C.
     compensation : str
-        The model whose results are stated as "after compensation"; empty where there is none.
+        The model of the results "after compensation"; empty without a model.
     results : tuple of ResultRow
         In rising order of torque, increasing before decreasing.
     budget, budget_step, budget_freedom
-        The contributions at the step with the largest uncertainty, its place in `results`, and
-        its effective degrees of freedom (None for infinitely many).
+        Contributions at the step with the largest uncertainty, the step's index in `results`, and
+        its effective degrees of freedom (None means infinite).
     conformity : Conformity or None
-        None where no statement of conformity is wanted.
+        None without a statement of conformity.
     static : tuple of StaticTable
-        By direction, before and after compensation; empty where the steps don't allow it.
+        Static evaluation by direction, before and after compensation; empty where the steps don't
+        allow it.
     zero_hysteresis : ZeroHysteresisStatement or None
-        Of reversing cycles.
+        Zero hysteresis of reversing cycles.
     unreviewed : tuple of str
-        Statements without confirmation by a second person or fresh points, listed on every page:
-        the keys of `UNREVIEWED`.
+        Keys of `UNREVIEWED`: what no second person or fresh points confirmed; every page lists
+        them.
     acts : tuple of Act
-        How measurement, review, use and authorisation came about.
+        Who measured, reviewed, activated and authorised, and how they were authenticated.
     turning : str
-        Speeds, temperatures and accelerations that its effects were measured at; empty where none
-        were.
+        Ranges of speed, temperature and acceleration in which effects were measured; empty without
+        such measurements.
     turning_budget : TurningBudget or None
     measured_by, checked_by, authorised_by : tuple of str
         The persons who measured, reviewed and authorised.
     files : mapping of str to str
-        SHA-256 of the files that the certificate rests on; `model_file` is the model's.
+        SHA-256 of the files on which the certificate is based; `model_file` is the model's.
     registry_head : str
         End of the registry's chain when the certificate was issued.
     supersedes : str
@@ -480,7 +483,7 @@ class CertificateRecord:
     loading_accuracy : str
         Largest difference of the standard from the requested torque.
     readings : str
-        From their unit to N·m; empty where they were in N·m.
+        Conversion of the readings to N·m; empty if they were in N·m.
     """
 
     number: str
@@ -524,7 +527,7 @@ class CertificateRecord:
     mounted_by: str = stated(MOUNTING_WORDS["mounted_by"], default="")
     loading_accuracy: str = stated("Loading accuracy", default="")
     readings: str = stated("Conversion of the readings", default="")
-    turning: str = stated("While it turns, the compensation holds for", default="")
+    turning: str = stated("During rotation, the compensation is valid for", default="")
     turning_budget: TurningBudget | None = None
     not_in_u: tuple[str, ...] = ()
     model_file: str = ""
@@ -532,11 +535,11 @@ class CertificateRecord:
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of the record's content, which the QR code carries."""
+        """SHA-256 of the record's content, as contained in the QR code."""
         return sha256_of_record(json.loads(json_text(with_messages(self))))
 
     def stated(self) -> Iterator[tuple[str, str]]:
-        """Yield label and text of every field that is stated by itself."""
+        """Yield label and text of every field declared by `stated`."""
         for part in (self.item, self.method, self.reference, self):
             for each in fields(part):
                 value = getattr(part, each.name)
@@ -545,7 +548,7 @@ class CertificateRecord:
 
     @property
     def payload(self) -> str:
-        """Text of the QR code: kind, number and hash of the record."""
+        """Text of the QR code: prefix, number and hash of the record."""
         return f"{PAYLOAD_PREFIX};{self.number};{self.sha256}"
 
     def to_json(self) -> str:

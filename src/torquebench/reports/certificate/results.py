@@ -49,22 +49,21 @@ __all__ = [
 ]
 
 TEMPERATURE_PERCENT_PER_10K = 0.1
-"""Largest drift of zero and span of the transducers that the bench is built with, in % of range
-per 10 K: HBK T40B's data sheet, class 0.1. It covers the drift during the calibration."""
+"""Temperature drift of zero and span during a calibration, by HBK T40B's data sheet, class 0.1."""
 
 
 @dataclass(frozen=True)
 class Results:
-    """A certificate's results of one calibration.
+    """Results of a calibration for its certificate.
 
     Parameters
     ----------
     rows : tuple of ResultRow
         In rising order of torque, increasing before decreasing.
     budget : tuple of BudgetRow
-        Of the step with the largest uncertainty (after compensation, where there is one).
+        Budget of the step with the largest uncertainty (after compensation, if there is one).
     budget_step, budget_freedom
-        The place of that step in `rows`, and its effective degrees of freedom.
+        Index of that step in `rows`, and its effective degrees of freedom.
     conformity : Conformity or None
     """
 
@@ -83,31 +82,31 @@ def evaluate_results(
     tolerance_percent_fs: float | None,
     resolution_nm: float = 0.0,
 ) -> Results:
-    """Return errors with their uncertainty at each step, raw and compensated, and the verdict.
+    """Evaluate errors and uncertainties at each step, raw and compensated, and the verdict.
 
-    The error is indication minus standard, the mean over the series where a step was loaded in
-    several. After compensation U is the measuring chain's for a mean over these loadings, as stated
-    by `apply` and every other interface. Before it, the scatter over the series counts, or that
-    about a smooth curve.
+    The error is indication minus standard, averaged over the series in which the step was loaded.
+    After compensation, U is the measuring chain's uncertainty of a mean over these loadings, as
+    `apply` and every other interface state it. Before compensation, U contains the scatter between
+    the series, or with one series the scatter about a smooth curve.
 
     Parameters
     ----------
     data : CalibrationData
         The points of the calibration.
     chain : MeasuringChain or None
-        Fitted to them; None states the errors of the reading only.
+        Chain fitted to the points; None evaluates the errors of the reading only.
     reference : Reference
-        The reference standard as its certificate stated it on the day of the calibration.
+        The reference standard by the certificate that was valid on the day of the calibration.
     tolerance_percent_fs : float or None
-        Largest allowed |error| after compensation (before it, where there is none), in % of full
-        scale; None without a tolerance.
+        Largest allowed |error| after compensation (without compensation, of the raw error), in % of
+        full scale; None without a tolerance.
     resolution_nm : float, default 0
-        Resolution of the indication where it was read off; 0 where the scatter holds it already.
+        Resolution of an indication that a person read off; 0 if the scatter contains it already.
 
     Raises
     ------
     InputError
-        Where the model refuses a reading.
+        Where a reading is outside the model's range.
     """
     steps = _Steps.of(data)
     before = _Raw(tare(data).data, steps, resolution_nm)
@@ -150,7 +149,7 @@ def evaluate_results(
 
 
 def turning_range(chain: MeasuringChain) -> str:
-    """Return at which speeds, temperatures and accelerations effects were measured; else ""."""
+    """Name the speeds, temperatures and accelerations at which effects were measured; else ""."""
     said = []
     for each in chain.stored:
         if isinstance(each, MeasuredRotation):
@@ -170,12 +169,12 @@ def turning_range(chain: MeasuringChain) -> str:
 def turning_budget(
     data: CalibrationData, chain: MeasuringChain, reference: Reference
 ) -> TurningBudget | None:
-    """Return the budget at the largest torque and the ends of speed and temperature; None without.
+    """Return a rotating chain's budget at the largest torque, speed and temperature difference.
 
     Parameters
     ----------
     data : CalibrationData
-        Of the calibration.
+        Points of the calibration.
     chain : MeasuringChain
     reference : Reference
     """
@@ -210,7 +209,7 @@ def turning_budget(
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """Assigns points to steps: equal nominal torque, equal branch."""
+    """Groups points into steps of equal nominal torque and branch."""
 
     label: NDArray[np.intp]
     torque_nm: NDArray[np.float64]
@@ -222,7 +221,7 @@ class _Steps:
         nominal = data.standard_nm if data.nominal_nm is None else data.nominal_nm
         direction = data.loading_direction().astype(np.float64)
         rounded = np.round(nominal / data.range_nm, 9) * data.range_nm
-        # Zero clockwise and counter-clockwise is one torque, but belongs to two loops.
+        # The zeros of the clockwise and the counter-clockwise loop are separate steps.
         rounded = np.where(rounded == 0.0, np.copysign(0.0, direction), rounded)
         keys = np.stack([rounded, direction, -data.branch.astype(np.float64)], axis=1)
         _, first, label = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -264,7 +263,7 @@ def _stated(budget: Budget) -> tuple[float, float, float]:
 
 
 class _Compensated:
-    """The errors after compensation: torques of the measuring chain, step by step."""
+    """Errors after compensation, and their uncertainty."""
 
     def __init__(
         self,
@@ -289,7 +288,7 @@ class _Compensated:
         self.standard_nm = steps.mean(data.standard_nm)
 
     def budget(self, place: int) -> Budget:
-        """Return the budget of the error at one step: of the mean torque, less the standard."""
+        """Return the budget of the error at one step: mean torque minus standard."""
         here = np.flatnonzero(self.steps.label == place)
         mean = self.torque.at(here).combined(
             np.full(here.size, 1.0 / here.size), zeroing=self.series[here]
@@ -298,7 +297,7 @@ class _Compensated:
 
 
 def chain_against(reference: Reference, range_nm: float, chain: MeasuringChain) -> MeasuringChain:
-    """Return a chain with the standard that a certificate names; its limits stay the chain's."""
+    """Return the chain with the reference standard that a certificate names."""
     record = f"certificate {reference.certificate_number} of {reference.serial}"
     certified = reference.uncertainty(range_nm)
     known = chain.find(ReferenceEffect)
@@ -323,7 +322,7 @@ class _Raw:
         else:  # the scatter about a smooth curve
             smooth = make_model("polynomial", degree=3, range_nm=data.range_nm)
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # nothing is compensated by it
+                warnings.simplefilter("ignore")  # the fit only estimates the scatter
                 smooth.fit(data.features(2), data.standard_nm)
             self.scatter_nm = smooth.scatter_nm
             self.freedom = float(smooth.degrees_of_freedom_)
@@ -333,7 +332,7 @@ class _Raw:
         self.drift_k = None if temperature is None else float(np.ptp(temperature))
 
     def budget(self, place: int, reference_nm: float) -> Budget:
-        """Return the budget of the error at one step: a sum, every sensitivity is 1."""
+        """Return the budget of the error at one step, a sum with all sensitivities 1."""
         error_nm, count = float(self.error_nm[place]), float(self.count[place])
         lines = [
             BudgetLine(
@@ -384,7 +383,7 @@ def conformity_of(
     *,
     fresh: bool = False,
 ) -> Conformity:
-    """Return the statement by the worst of steps or of a verification's fresh points."""
+    """Return the statement of conformity, decided by the worst step or verification point."""
     found = [decision.verdict for decision in decisions]
     deciding = max(
         range(len(found)),

@@ -1,4 +1,4 @@
-"""Texts set by Typst: a template, its content as JSON, and the files that it shows."""
+"""Typeset documents by Typst from a template, its content as JSON, and figures."""
 
 import json
 import tempfile
@@ -21,26 +21,26 @@ def typeset(
     installed: typst.Fonts | None = None,
     **kind: Any,
 ) -> list[bytes]:
-    """Return a document, or its pages where `kind` asks for pictures.
+    """Return a document, or its pages if `kind` requests pictures.
 
     Parameters
     ----------
     template : Traversable
-        Reads ``content.json``, which has the names of the fonts too.
+        Typst template; it reads ``content.json``, to which the names of the fonts are added.
     content : mapping
     files : mapping
-        Files beside it, by their names.
+        Other files that the template reads, by name.
     installed : typst.Fonts, optional
-        As for `fonts_for`.
+        Installed fonts; see `fonts_for`.
     **kind
-        As `typst.Compiler.compile` takes them.
+        Options of `typst.Compiler.compile`.
 
     Raises
     ------
     InputError
-        Where there is no font for the text.
+        Where no installed font has the text's characters.
     typst.TypstError
-        Where it can't be set.
+        Where Typst fails.
     """
     fonts, families = fonts_for(content, installed)
     text = json.dumps({**content, "fonts": families}, ensure_ascii=False)

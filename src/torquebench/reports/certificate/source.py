@@ -38,7 +38,7 @@ __all__ = ["Source", "run_data", "run_profile"]
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Data of a certificate, read once and checked."""
+    """The checked data from which a certificate is built."""
 
     run: RunSummary
     folder: RunFolder
@@ -56,7 +56,7 @@ class Source:
     ) -> "Source":
         """Read and check the data of a calibration's certificate.
 
-        Its model is the one in use or the latest, unless another one is requested.
+        The model is the active one or the latest, unless another one is requested.
 
         Raises
         ------
@@ -70,7 +70,7 @@ class Source:
                 Message(
                     "calibration-{calibration_id} is an external table", calibration.calibration_id
                 ),
-                "a calibration that a run of this registry holds",
+                "a calibration that a run of this registry measured",
                 "enter the table with `torquebench evaluate static --register`",
             )
         run = registry.run(calibration.run_id)
@@ -79,7 +79,7 @@ class Source:
             raise RecordError(
                 Message("run {run_id} isn't sealed ({status})", run.run_id, run.status),
                 "a completed, sealed run",
-                "let it end, or recover it; a certificate states completed runs only",
+                "wait for its end, or recover it; only completed runs can be certified",
             )
         changes = tuple(folder_changes(run.folder, run.manifest_sha256))
         if changes:
@@ -89,7 +89,7 @@ class Source:
                     run.run_id,
                     "; ".join(changes),
                 ),
-                "a record as it was sealed",
+                "the record as it was sealed",
                 "restore it from a backup, or calibrate again",
             )
         if run.status != "completed":
@@ -120,7 +120,7 @@ class Source:
         )
 
     def calibration_record(self) -> CalibrationRecord:
-        """Return the calibration as its profile is compared with it."""
+        """Return the calibration in the form that is compared with its profile."""
         return CalibrationRecord(
             data=self.data,
             performed=self.run.started,
@@ -134,7 +134,7 @@ class Source:
         )
 
     def files(self, calibration: CalibrationEntry) -> dict[str, str]:
-        """Return the hashes of the certificate's data."""
+        """Return the hashes of all files on which the certificate is based."""
         listed: Mapping[str, Mapping[str, Any]] = self.folder.manifest["files"]
         names = {name: str(entry["sha256"]) for name, entry in sorted(listed.items())}
         entry = self.model_entry
@@ -147,13 +147,13 @@ class Source:
 
     @property
     def stated_resolution_nm(self) -> float | None:
-        """Resolution that was stated with a table, N·m; None for a run."""
+        """Resolution stated with a table, N·m; None for a run."""
         stated = self.folder.results.get("resolution_nm")
         return None if stated is None else float(stated)
 
     @property
     def resolution_nm(self) -> float:
-        """Resolution of the indication in N·m: as stated, or from the noise."""
+        """Resolution of the indication in N·m, as stated or estimated from the noise."""
         stated = self.stated_resolution_nm
         return resolution_of(self.data) if stated is None else stated
 
@@ -171,7 +171,7 @@ def _reference(
     known = registry.equipment("calibrator", serial)
     described = next(iter(known), Equipment("calibrator", serial))
     bench = folder.metadata.get("bench")
-    # From the bench description or table at the time of the run, not of today.
+    # The bench description or table at the time of the run applies, not the present one.
     standard: Mapping[str, Any] = (bench or {}).get("calibrator", {})
     if standard.get("serial") != serial:
         standard = {**described.details, "model": described.model}
@@ -216,7 +216,7 @@ def _report(registry: Registry, serial: str, day: date) -> Report:
 
 
 def _stated_report(stated: Mapping[str, Any]) -> Report:
-    """Return the certificate of the standard that came with a table."""
+    """Return the standard's certificate as stated with a table."""
     return Report(
         "calibrator",
         str(stated["serial"]),

@@ -30,8 +30,8 @@ __all__ = ["resolution_of", "static_tables", "zero_hysteresis_statement"]
 def resolution_of(data: CalibrationData) -> float:
     """Return the default resolution of a chain's indication in N·m.
 
-    A counter's steps are far below the noise, so the noise gives the resolution: twice the median
-    standard error of a point's mean.
+    A counter resolves far less than the noise, so the resolution is taken from the noise: twice the
+    median standard error of a point's mean.
     """
     if data.standard_error_nm is None:
         return 0.0
@@ -45,26 +45,28 @@ def static_tables(
     reference: Reference,
     resolution_nm: float,
 ) -> tuple[tuple[StaticTable, ...], ZeroHysteresisStatement | None]:
-    """Return the static evaluation by direction, before and after, and the zero hysteresis.
+    """Return the static evaluation by direction, raw and compensated, and the zero hysteresis.
 
-    For an adaptive calibration the coarse series is evaluated: only its steps are repeated.
+    For an adaptive calibration, only the coarse series is evaluated, because only its steps are
+    repeated.
 
     Parameters
     ----------
     data : CalibrationData
-        With nominal torques.
+        Points with nominal torques.
     profile : Profile
-        That was followed.
+        Profile of the calibration.
     chain : MeasuringChain or None
-        Results after its compensation too.
+        If given, the compensated torque is evaluated, too.
     reference : Reference
-        Its uncertainty enters.
+        Reference standard, whose uncertainty enters.
     resolution_nm : float
 
     Returns
     -------
     tuple
-        Nothing of either where the steps don't allow an evaluation.
+        The tables and the zero hysteresis; empty and None where the steps don't allow an
+        evaluation.
     """
     torque = None if chain is None else chain.torque(data.readings()).value_nm
     stepped = ladder_points(data, profile)
@@ -77,7 +79,7 @@ def static_tables(
             reference=reference.uncertainty(data.range_nm),
             torque_nm=None if torque is None else torque[stepped],
         )
-    except InputError:  # a step or a series is missing, which the deviations name
+    except InputError:  # a step or a series is missing, as the deviations state
         return (), None
     tables = []
     for direction in results.directions:
@@ -88,7 +90,7 @@ def static_tables(
 
 
 def zero_hysteresis_statement(results: CalibrationResults) -> ZeroHysteresisStatement | None:
-    """Return the zero hysteresis of reversing cycles, None for other calibrations."""
+    """Return the zero hysteresis of reversing cycles; None for other calibrations."""
     before, after = results.zero_before, results.zero_after
     if before is None:
         return None
@@ -107,7 +109,8 @@ def _table(
     evaluation = side.evaluation
     classes: list[StaticClass] = []
     if side.classification is not None:
-        # From the best class to the worst: a worse one is listed only if its range begins earlier.
+        # From the best class to the worst; a worse class is listed only if its range begins at a
+        # smaller torque.
         for accuracy_class, start in sorted(side.classification.starts_nm.items()):
             if start is not None and (not classes or start < classes[-1].from_nm):
                 classes.append(StaticClass(accuracy_class, start))

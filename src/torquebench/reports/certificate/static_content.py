@@ -1,4 +1,4 @@
-"""The static evaluation in words and numbers of one language, for PDF and digital certificate."""
+"""The static evaluation as texts in one language, for the PDF and the digital certificate."""
 
 from collections.abc import Collection, Sequence
 from typing import Any
@@ -16,10 +16,10 @@ __all__ = [
 ]
 
 MOST_ROWS = 20
-"""Most steps of a table in the PDF's text; beyond, the annex has all of them."""
+"""Largest number of steps in the PDF's text; the annex has the complete table."""
 
 LISTED_SHARES = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0)
-"""Steps listed of more, as shares of the range: the usual ones of torque calibrations."""
+"""Steps listed from a longer table, as shares of the range, as usual in torque calibrations."""
 
 STATIC_QUANTITIES = {
     "indication": "f_q",
@@ -30,11 +30,11 @@ STATIC_QUANTITIES = {
     "expanded": "W",
     "interval": "W′",
 }
-"""Symbol of each quantity of a row, in the order of the table."""
+"""Symbol of each quantity of a row, in the table's order."""
 
 
 def listed_steps(steps: Collection[float], range_nm: float) -> set[float]:
-    """Return the steps of either direction that are nearest to the listed shares of the range.
+    """Return the steps of both directions that are nearest to `LISTED_SHARES` of the range.
 
     Examples
     --------
@@ -51,7 +51,7 @@ def listed_steps(steps: Collection[float], range_nm: float) -> set[float]:
 
 
 def static_content(record: CertificateRecord, words: Labels) -> dict[str, Any] | None:
-    """Return the section of the static evaluation; None if there is none."""
+    """Return the section of the static evaluation; None without an evaluation."""
     if not record.static:
         return None
     first = record.static[0]
@@ -91,7 +91,7 @@ def _row(row: StaticRow, words: Labels) -> list[str]:
 
 
 def _largest(table: StaticTable, words: Labels) -> list[list[str]]:
-    """Return the largest magnitude of each quantity over all steps, and below it its step."""
+    """Return two rows: the largest magnitude of each quantity, and the step where it occurs."""
     largest: list[str] = []
     steps: list[str] = []
     for name in STATIC_QUANTITIES:
@@ -116,7 +116,7 @@ def _zero_residual(table: StaticTable, words: Labels) -> str:
 
 
 def class_words(table: StaticTable, words: Labels) -> str:
-    """Return the classes that are kept, each over its largest range, or why there are none."""
+    """Name the classes whose limits are met, with their ranges, or why there are none."""
     if table.missing:
         return words["static_unclassified"].format(missing=", ".join(table.missing))
     if not table.classes:

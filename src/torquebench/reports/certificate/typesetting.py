@@ -1,4 +1,4 @@
-"""The PDF of a certificate, set by Typst: the same record gives the same bytes."""
+"""The PDF of a certificate, typeset by Typst; the same record gives the same bytes."""
 
 import io
 from datetime import UTC, datetime, time
@@ -22,7 +22,7 @@ __all__ = ["certificate_pages", "certificate_pdf", "code_svg", "errors_svg"]
 PDF_STANDARD: Final = "a-2u"
 """PDF/A for archives: embedded fonts, searchable text."""
 PICTURE_PPI: Final = 110.0
-"""Resolution of pages on a screen."""
+"""Resolution of pages as pictures, pixels per inch."""
 
 
 def certificate_pdf(
@@ -36,24 +36,24 @@ def certificate_pdf(
     language : str
         ``"en"``, ``"de"`` or ``"zh"``.
     installed : typst.Fonts, optional
-        Fonts in which one with Chinese characters is searched; by default the system's.
+        Fonts among which a Chinese one is chosen; by default the system's.
 
     Returns
     -------
     bytes
-        PDF/A-2u. The dates in it are the record's, so that the same record gives the same bytes
+        PDF/A-2u. It contains the record's dates only, so that the same record gives the same bytes
         with the same versions of torquebench, Typst and Matplotlib.
 
     Raises
     ------
     InputError
-        Where there is no such language, or no font for the text.
+        Where the language or a font for the text is missing.
     """
     return _typeset(record, language, installed, format="pdf", pdf_standards=[PDF_STANDARD])[0]
 
 
 def certificate_pages(record: CertificateRecord, language: str) -> list[bytes]:
-    """Return the pages of a certificate as PNG, to be checked; raises like `certificate_pdf`."""
+    """Return the pages of a certificate as PNG for a preview; raises like `certificate_pdf`."""
     return _typeset(record, language, None, format="png", ppi=PICTURE_PPI)
 
 
@@ -71,13 +71,13 @@ def _typeset(
         return typeset(template, content, figures, installed, timestamp=issued, **kind)
     except typst.TypstError as error:
         raise InputError(
-            Message("the certificate can't be set: {error}", error),
+            Message("the certificate can't be typeset: {error}", error),
             remedy="report the record with this text",
         ) from error
 
 
 def code_svg(record: CertificateRecord) -> bytes:
-    """Return the QR code with number and hash as SVG."""
+    """Return the QR code of the certificate's payload as SVG."""
     buffer = io.BytesIO()
     code = segno.make(record.payload, error="m", micro=False)
     code.save(buffer, kind="svg", border=2, omitsize=True)
@@ -85,11 +85,11 @@ def code_svg(record: CertificateRecord) -> bytes:
 
 
 def errors_svg(record: CertificateRecord, language: str) -> str:
-    """Return the figure of the errors before and after compensation as SVG."""
+    """Draw the errors before and after compensation as SVG."""
     words = labels_of(language)
     torque = np.array([row.torque_nm for row in record.results])
     before = np.array([row.error_before_nm for row in record.results])
-    # The font of the figure has no Chinese characters.
+    # The figure's font has no Chinese characters.
     names = ("①", "②") if language == "zh" else (words["before"], words["after"])
     name = names[0] if record.compensation or language == "zh" else words["error"]
     curves = [Curve(name, torque, before, raw=True)]

@@ -1,4 +1,4 @@
-"""The page of a comparison: specimens of one type, or one specimen before and after."""
+"""The page that compares specimens of one type, or one specimen before and after a change."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FAMILIES = {
     "efficiency_": "Efficiency",
     "order_": "Orders of the transmission error",
 }
-"""Beginnings of keys of quantities with many values: drawn as differences."""
+"""Titles of quantities with many values, whose differences are drawn, by prefix of their keys."""
 MOST_PANELS = 8
 MOST_COLUMNS = 4
 
@@ -68,10 +68,10 @@ def _facts(found: ReducerComparison) -> Facts:
             for key, each in found.values.items()
             for serial in each.outliers
         ]
-        few = "nothing can be said of fewer than four specimens"
+        few = "at least four specimens are needed for a statement"
         none = "none" if len(found.specimens) >= 4 else few
         rows.append(("Standing out", "; ".join(outliers) or none))
-    common = "one bench with the same models: what all runs have in common cancels in differences"
+    common = "one bench with the same models: errors common to all runs cancel in differences"
     rows.append(("Chain", common if found.same_chain else "different chains: nothing cancels"))
     if found.left_out:
         rows.append(("Left out", f"{found.left_out} values that aren't in every run"))
@@ -79,7 +79,7 @@ def _facts(found: ReducerComparison) -> Facts:
 
 
 def _judged(specimen: SpecimenResults) -> str:
-    """State whether the data sheet's limits are met."""
+    """State how often each verdict against the data sheet occurred."""
     verdicts = [each.verdict for each in specimen.quantities.values() if each.verdict]
     if not verdicts:
         return "; nothing was judged"
@@ -106,9 +106,9 @@ def _figures(found: ReducerComparison) -> list[tuple[str, str]]:
 
 
 def _drawn(found: ReducerComparison) -> tuple[list[str], dict[str, list[str]]]:
-    """Return the quantities with a panel of their own, and those drawn together.
+    """Return the quantities with a separate diagram, and the families that share one.
 
-    Where means of both directions exist, single directions are only in the runs' records.
+    If means of both directions exist, single directions are left out; the runs' records have them.
     """
     single = [key for key in found.keys if not key.startswith(tuple(FAMILIES))][:MOST_PANELS]
     families = {}

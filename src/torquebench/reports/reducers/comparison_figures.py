@@ -1,4 +1,4 @@
-"""Figures of comparisons as SVG text: values of specimens, and differences of many values."""
+"""Figures of comparisons as SVG text: values of specimens, and differences of quantities."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
 COLUMNS = 4
 NEAR = 2.0
-"""A limit is drawn if it is within this many spans of the values."""
+"""A limit is drawn if its distance from the values is at most this many times their span."""
 
 
 def values_figure(found: ReducerComparison, keys: Sequence[str]) -> str:
-    """Draw a panel for each value: every specimen with U, their mean, the data sheet's limit.
+    """Draw a diagram per quantity: every specimen with U, their mean, and the data sheet's limit.
 
     Parameters
     ----------
@@ -82,10 +82,11 @@ def _panel(axes: Axes, found: ReducerComparison, key: str) -> None:
 
 
 def difference_figure(found: ReducerComparison, keys: Sequence[str]) -> str:
-    """Draw many values of one unit, a row for each: differences ± U.
+    """Draw the differences ± U of many quantities of one unit, one row each.
 
-    Before and after: after minus before. Specimens: each less the mean of all; U belongs to its
-    difference from another value, in which common contributions cancel.
+    For before and after, the difference is after minus before. For specimens it is a specimen minus
+    the mean of all; U is that of a difference between two specimens, in which common contributions
+    cancel.
 
     Parameters
     ----------

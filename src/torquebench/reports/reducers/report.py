@@ -1,4 +1,4 @@
-"""The report of a reducer test: every part with its figures, values, limits and verdicts."""
+"""The report of a reducer test: figures, values, limits and verdicts of every part."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def _summary(record: ReducerTestRecord) -> Section:
 
 
 def judged_table(quantities: Sequence[ReducerTestQuantity]) -> tuple[Table, ...]:
-    """Return the quantities with a limit in the data sheet; no table if none has one."""
+    """Return a table of the quantities that the data sheet limits; no table if there are none."""
     rows = [
         (
             each.title,
@@ -120,17 +120,17 @@ def _section(outcome: ReducerTestOutcome) -> Section:
 
 
 NO_LOAD_POINT = "no_load_"
-"""Beginning of the keys of no-load torques at a speed."""
+"""Prefix of the keys of no-load torques at a speed."""
 
 
 def tables_of(result: Any, quantities: Sequence[ReducerTestQuantity]) -> tuple[Table, ...]:
-    """Return the quantities of a result: efficiency and no-load torque by speed, others as a list.
+    """Return tables of a result's quantities; efficiency and no-load torque are arranged by speed.
 
     Parameters
     ----------
     result : ReducerResult
     quantities : sequence of ReducerTestQuantity
-        With the uncertainties that are to be stated.
+        Quantities with their uncertainties.
     """
     expanded = {each.key: (each.value, each.expanded_uncertainty) for each in quantities}
     if isinstance(result, EfficiencyMap):
@@ -166,7 +166,7 @@ def _list(quantities: Sequence[ReducerTestQuantity]) -> Table:
 def no_load_table(
     result: NoLoadResult, stated_of: Mapping[str, tuple[float, float]]
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]], str]:
-    """Return no-load torques as a table by speed, with one column a direction.
+    """Return no-load torques as a table with one row per speed and one column per direction.
 
     Parameters
     ----------
@@ -177,8 +177,8 @@ def no_load_table(
     Returns
     -------
     header, rows, caption
-        The range of the repeats stands beside each direction that has several; the mean of both
-        directions last.
+        A direction with repeats also has a column with their range; the last column is the mean of
+        both directions.
     """
     means, points = _by_speed(result.means, result), _by_speed(result.points, result)
     columns: list[tuple[str, Mapping[int, NoLoadPoint], bool]] = []
@@ -213,9 +213,9 @@ def no_load_table(
 def _by_speed(
     points: Sequence[NoLoadPoint], result: NoLoadResult
 ) -> dict[tuple[int, float], NoLoadPoint]:
-    """Return points by the magnitude of their speed, 1/min, and their direction.
+    """Return points by |speed| in rpm and direction.
 
-    A counter-clockwise speed within 2 % (or 1/min) of a clockwise one stands in its row.
+    A counter-clockwise speed within 2 % (or 1 rpm) of a clockwise one shares its row.
     """
     clockwise = sorted({round(each.nominal_rpm) for each in result.points if each.nominal_rpm > 0})
     found = {}
@@ -231,10 +231,10 @@ def _by_speed(
 def efficiency_tables(
     result: EfficiencyMap, stated_of: Mapping[str, tuple[float, float]]
 ) -> list[tuple[tuple[str, ...], list[tuple[str, ...]], str]]:
-    """Return an efficiency map as tables of torque by speed, with one U a torque.
+    """Return an efficiency map as tables with one row per torque and one column per speed.
 
-    Means of both directions are shown where both were driven. The U of a row is the largest in it;
-    the run's ``results.json`` has each point with its U.
+    If both directions were driven, their means are listed. The U of a row is its largest; the run's
+    ``results.json`` has the U of every point.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def efficiency_tables(
     Returns
     -------
     list of (header, rows, caption)
-        One table a driving side.
+        One table per driving side.
     """
     found = []
     for driving in ("input", "output"):
@@ -257,7 +257,7 @@ def efficiency_tables(
         torques = [each.nominal_torque_nm for each in points]
         lines = _steps(torques)
         if len(set(zip(columns, lines, strict=True))) < len(points):
-            lines = torques  # near torques at one speed
+            lines = torques  # torques at one speed that are too close to merge
         rows = []
         for line in sorted(set(lines)):
             here = {
@@ -282,7 +282,7 @@ def efficiency_tables(
 
 
 def _steps(values: Sequence[float]) -> list[float]:
-    """Return the step of each value: the mean of the values within 1 % of the largest."""
+    """Replace each value by the mean of its group of values within 1 % of the largest value."""
     ordered = np.asarray(values, dtype=np.float64)
     number = grouped(ordered, 0.01 * float(np.max(np.abs(ordered))))
     means = np.bincount(number, weights=ordered) / np.bincount(number)

@@ -1,4 +1,4 @@
-"""The report of a standard reducer: known against measured friction."""
+"""The report of a check with a standard reducer: certified and measured friction."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MARKERS = ("o", "^", "s", "D", "v")
 
 
 def friction_check_table(check: FrictionCheck) -> Table:
-    """Return known torque, every repeat, error and repeatability at each speed."""
+    """Return a table of certified torque, repeats, error and repeatability at each speed."""
     repeats = max(len(point.measured_nm) for point in check.points)
     rows = []
     for point in check.points:
@@ -49,12 +49,14 @@ def friction_check_table(check: FrictionCheck) -> Table:
 
 
 def friction_diagram(check: FrictionCheck) -> Diagram:
-    """Return the known friction and every repeat over the speed, and below how far they differ."""
+    """Return diagrams of certified friction and repeats over speed, and of their differences."""
     speed = np.array([point.speed_rpm for point in check.points])
     known = np.array([point.known_nm for point in check.points])
     known_u = np.array([point.known_u_nm for point in check.points])
     friction = [Curve("known", speed, known, raw=True, style="-")]
-    errors = [Curve("U of the known", speed, 0.0 * speed, raw=True, band=known_u, style="-")]
+    errors = [
+        Curve("U of the certified value", speed, 0.0 * speed, raw=True, band=known_u, style="-")
+    ]
     repeats = max(len(point.measured_nm) for point in check.points)
     for k in range(repeats):
         rows = [(p.speed_rpm, p.measured_nm[k], p.known_nm)
@@ -98,11 +100,11 @@ def standard_reducer_page(
     ----------
     check : FrictionCheck
     name, certificate : str
-        Of the reducer.
+        Name of the reducer, and number of its certificate.
     compensation : str
-        Compensation model of the input module, in words.
+        Title of the input module's compensation model.
     run_id : str
-        That holds the raw data.
+        Run with the raw data.
     simulated : bool
     """
     limit = f"{check.tolerance_percent:g} % FS"
