@@ -93,7 +93,7 @@ def test_stop_acts_at_once_and_is_acknowledged_by_name(person: Visitor) -> None:
     person.press("See the alarms")
     person.sees("Stopped by a person")
     assert "by Admin" in person.text
-    assert "acknowledge when" not in person.text  # what to do is said once
+    assert "acknowledge it when" not in person.text  # what to do is said once
     person.press("Acknowledge as Admin")
     person.sees("No active alarms")
     person.sees("acknowledged by Admin")

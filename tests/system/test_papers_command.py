@@ -48,7 +48,7 @@ def test_a_bench_over_sockets_and_its_recorded_folder_give_the_same_page(tmp_pat
     assert "0.012 mm (≤ 0.03 mm)" in first
     assert "oil 7" in first
     *sections, last = re.split(r"<h2[^>]*>", first)[2:]
-    assert last.startswith("What the papers could not do")
+    assert last.startswith("Beyond the papers")
     assert [int(each.partition(".")[0]) for each in sections] == list(range(1, 23))
     for number, section in enumerate(sections, 1):
         if number != 15:  # the study was omitted

@@ -111,7 +111,7 @@ def test_whoever_runs_is_asked_how_to_go_on(station: Station) -> None:
     )
     assert asked == [threading.current_thread().name] * 2
     assert record.exit_status == "abort"
-    assert record.reason == "ended in a pause"
+    assert record.reason == "ended during a pause"
     assert record.result is None
     assert record.interruptions == 2
     assert events(station, record.run_id) == 3
@@ -159,7 +159,7 @@ def test_an_abort_from_a_progress_callback_ends_the_run_that_reports(station: St
     def stop(done: int, _detail: str) -> None:
         if done == 2:
             station.abort("seen enough")
-            with pytest.raises(BenchError, match="closes its bench"):
+            with pytest.raises(BenchError, match="tried to close its bench"):
                 station.close()
 
     record = station.run(
@@ -327,7 +327,7 @@ with Station.open(None, sys.argv[1]) as station:
     ("action", "expected"),
     [
         ("abort", ["end abort interrupted from the keyboard 0.0 False"]),
-        ("pause", ["paused 0.0", "end abort ended in a pause 0.0 False"]),
+        ("pause", ["paused 0.0", "end abort ended during a pause 0.0 False"]),
     ],
 )
 def test_ctrl_c_ends_or_pauses_with_the_bench_at_rest(

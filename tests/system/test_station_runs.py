@@ -206,7 +206,7 @@ def test_one_run_at_a_time(station: Station) -> None:
             refused.append(error)
 
     station.run(plan(), kind="outer")
-    assert "a run is under way" in str(refused[0])
+    assert "another run is in progress" in str(refused[0])
 
 
 def test_a_station_without_description_is_the_simulated_one(

@@ -103,7 +103,7 @@ def finish_run(
                 run.run_id, Message("run {run_id} is entered as {status}", run.run_id, status)
             )
     if run.state is RunState.COPY:
-        raise InputError(run.found, "a run's own folder", run.remedy)
+        raise InputError(run.found, "the original folder of a run", run.remedy)
     if run.state is RunState.INTERRUPTED:
         raise InputError(
             Message("run {run} was interrupted", run.run_id),

@@ -1,4 +1,4 @@
-"""The Python interface for notebooks and scripts: a few functions, data frames in and out.
+"""The Python interface for notebooks and scripts, which works with data frames.
 
-Its names are those of `torquebench` itself: ``import torquebench as tb``.
+Its functions are imported from `torquebench`: ``import torquebench as tb``.
 """

@@ -1,4 +1,4 @@
-"""Tables of calibrations and readings: paths, data frames and mappings, by column names."""
+"""Read tables of calibrations and readings from paths, data frames and mappings."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from torquebench.message import Message
 __all__ = ["Columns", "arrow_table", "in_python", "mapping_of", "read_calibration", "with_columns"]
 
 Columns: TypeAlias = Mapping[str, str]
-"""Headers by their column: ``{"reading": "Drehmoment[kNm]"}``."""
+"""Header of each column in the source: ``{"reading": "Drehmoment[kNm]"}``."""
 _OPTION = re.compile(r"--column '(\w+)=([^']+)'")
 
 
@@ -44,17 +44,17 @@ def read_calibration(
         A file (CSV, Parquet, Excel, TDMS, MDF4, HDF5), or a table in memory; rows in measuring
         order.
     range_nm : float, optional
-        Full scale in N·m; without it, that of the file, or the largest torque in it.
+        Full scale in N·m; by default that in the file, or the largest torque.
     columns : mapping of str to str, optional
-        Assignment of headers with other names, with their unit: ``{"reading": "Anzeige[kNm]"}``; a
-        minus sign before the header turns the sign.
+        Headers with other names, and their unit: ``{"reading": "Anzeige[kNm]"}``; a minus sign
+        before the header reverses the sign.
     transducer_serial, counter_identity : str
-        The chain, where the source doesn't name it.
+        Transducer and counter of the chain, if the source doesn't state them.
 
     Raises
     ------
     InputError
-        Naming row and column of what can't be used, and what to do.
+        A value can't be used; the message names its row and column, and the remedy.
 
     Examples
     --------
@@ -80,23 +80,23 @@ def read_calibration(
 
 
 def mapping_of(columns: Columns | None) -> tuple[str, ...]:
-    """Return headers in the form in which commands take them."""
+    """Convert headers to the form of the commands' options."""
     return tuple(f"{name}={header}" for name, header in (columns or {}).items())
 
 
 def in_python(problem: InputError) -> InputError:
-    """Return an error whose remedy names the parameter in the place of the command's option."""
+    """Replace command options in an error's texts by the Python parameter."""
     texts = (problem.found, problem.allowed, problem.remedy)
     return InputError(*(_OPTION.sub(r'columns={"\1": "\2"}', text) for text in texts))
 
 
 def arrow_table(source: Any) -> Any:
-    """Return a source as an Arrow table.
+    """Convert a source to an Arrow table.
 
     Raises
     ------
     InputError
-        It can't be read, or isn't a table.
+        The source can't be read, or isn't a table.
     """
     if isinstance(source, str | Path):
         return _of_file(Path(source))
@@ -108,7 +108,7 @@ def arrow_table(source: Any) -> Any:
     if hasattr(source, "__arrow_c_stream__"):
         return pa.table(source)
     raise InputError(
-        Message("a {name} for a table", type(source).__name__),
+        Message("a {name} instead of a table", type(source).__name__),
         "a path, a frame of pandas, polars or pyarrow, or a mapping of names to columns",
     )
 
@@ -129,12 +129,12 @@ def _of_file(path: Path) -> Any:
 
 
 def with_columns(source: Any, added: Mapping[str, NDArray[np.float64]]) -> Any:
-    """Return a frame of the source's own kind with further columns; others as Arrow.
+    """Add columns to a frame and return the same kind; return other sources as Arrow.
 
     Raises
     ------
     InputError
-        The source has a column of such a name.
+        The source already has a column with such a name.
     """
     frame = nw.from_native(source, eager_only=True, pass_through=True)
     if not isinstance(frame, nw.DataFrame):

@@ -1,4 +1,4 @@
-"""Fitted compensations: fit, compare, load, apply to readings, save."""
+"""Fit, compare, load, apply and save compensations."""
 
 from __future__ import annotations
 
@@ -63,9 +63,9 @@ class Compensation:
     Parameters
     ----------
     stored : StoredModel
-        The model and where it comes from.
+        The model and its origin.
     calibration : CalibrationData or None
-        Its points, where it was fitted here; None for one from a file.
+        The points to which it was fitted; None for a compensation from a file.
     """
 
     stored: StoredModel
@@ -78,7 +78,7 @@ class Compensation:
 
     @cached_property
     def chain(self) -> MeasuringChain:
-        """The measuring chain: from readings to torque, uncertainty and budget."""
+        """The measuring chain, which computes torque, uncertainty and budget from readings."""
         return MeasuringChain.of(self.stored)
 
     def apply(
@@ -94,20 +94,20 @@ class Compensation:
         Parameters
         ----------
         readings : path, pandas, polars or pyarrow frame, or mapping of str to column
-            With a column ``reading_nm``; ``branch``, ``speed_rpm``, ``temperature_c`` and
-            ``standard_error_nm`` are used where there are any. With ``time_s`` it is one record in
-            time order, as for `torquebench apply`: acceleration and branch follow from the other
+            A table with the column ``reading_nm``; optional columns are ``branch``, ``speed_rpm``,
+            ``temperature_c`` and ``standard_error_nm``. With ``time_s`` it is one record in time
+            order, as for `torquebench apply`, and acceleration and branch follow from neighbouring
             rows. All columns are kept.
         columns : mapping of str to str, optional
-            Headers that don't say what they are; see `read_calibration`.
+            Headers with other names; see `read_calibration`.
         zero_age_h, zero_temperature_c : float, optional
             Time since the zero was taken, and the transducer's temperature then.
 
         Returns
         -------
         frame
-            Of the kind that was given, with ``torque_nm``, ``additional_torque_nm`` and
-            ``expanded_uncertainty_nm``; Arrow for a path or a mapping.
+            A frame of the same kind with the additional columns ``torque_nm``,
+            ``additional_torque_nm`` and ``expanded_uncertainty_nm``; Arrow for a path or a mapping.
         """
         table = arrow_table(readings)
         try:
@@ -140,9 +140,9 @@ class Compensation:
         Parameters
         ----------
         reading_nm : array of shape (n,) or float
-            N·m, clockwise positive.
+            Readings in N·m, clockwise positive.
         branch : array of shape (n,) or scalar, optional
-            "up" where the size of the torque grows, "down" where it falls.
+            "up" where |torque| increases, "down" where it decreases.
         speed_rpm, temperature_c : array of shape (n,) or float, optional
         """
         try:
@@ -168,7 +168,7 @@ class Compensation:
         )
 
     def save(self, path: str | Path) -> Path:
-        """Write the model file, which commands, bench and `load_model` read."""
+        """Write the model file for commands, bench and `load_model`."""
         return save_model(path, self.stored)
 
     def __repr__(self) -> str:
@@ -199,24 +199,24 @@ def fit(
     ----------
     calibration : CalibrationData, or what `read_calibration` takes
     model : str
-        Kind of model; the recommended one averages over a chain's possible effects.
+        Kind of model; by default the recommended one.
     reference : str, optional
-        U (k = 2) of the reference standard in %, such as ``"0.02 of range"`` or
-        ``"0.02 of torque"``, in the place of what the table states; it counts in every U.
+        U (k = 2) of the reference standard in %, such as ``"0.02 of range"`` or ``"0.02 of
+        torque"``, instead of the table's; it enters every U.
     outliers : {"downweight", "refuse", "keep"}
-        Treatment of outliers, which are always named.
+        Treatment of outliers, which warnings name in any case.
 
     Raises
     ------
     InputError
-        An unknown model, points that it refuses, or a `reference` that doesn't say what its
-        percentage refers to.
+        The model is unknown or refuses the points, or `reference` doesn't state to what its
+        percentage refers.
 
     Warns
     -----
     FitWarning
-        Points that contradict each other, outliers, a model worse than the raw reading, another
-        standard than the table's or none.
+        Points contradict each other, there are outliers, the model is worse than the raw reading,
+        or the standard is unknown or another one than the table's.
 
     Examples
     --------
@@ -256,7 +256,7 @@ def compare(
     ----------
     calibration : CalibrationData, or what `read_calibration` takes
     models : sequence of str, or mapping of names to unfitted models, optional
-        All kinds by default; that takes a while.
+        By default all kinds, which takes a while.
     folds : int, default 10
     """
     data = _calibration(calibration)
@@ -277,7 +277,7 @@ def load_model(path: str | Path) -> Compensation:
     Raises
     ------
     InputError
-        It can't be read, or was changed.
+        The file can't be read, or was changed.
     """
     return Compensation(load_stored(path))
 

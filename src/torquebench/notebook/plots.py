@@ -1,4 +1,4 @@
-"""Figures of calibrations, compensations and comparisons for notebooks and scripts."""
+"""Draw calibrations, compensations and comparisons in notebooks and scripts."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Drawing:
         self.figure = figure
 
     def save(self, path: str | Path) -> Path:
-        """Write the figure as SVG, PNG or PDF by the file's ending."""
+        """Write the figure as SVG, PNG or PDF by the file's suffix."""
         target = Path(path)
         if target.suffix.lower() not in _ENDINGS:
             raise InputError(Message("a figure {name}", target.name), "a file .svg, .png or .pdf")
@@ -64,15 +64,15 @@ def plot(thing: CalibrationData | Compensation | Comparison, *, ax: Any = None) 
     Parameters
     ----------
     thing : CalibrationData, Compensation or Comparison
-        Points; the fitted curve of each branch with its U (k = 2) and the points; errors of models
-        at steps left out.
+        A calibration's points; a compensation's fitted curve of each branch with U (k = 2) and the
+        points; or the errors of compared models at steps left out.
     ax : matplotlib.axes.Axes, optional
         Axes to draw into; a new figure by default.
 
     Raises
     ------
     InputError
-        It is something else.
+        The object is of another type.
     """
     with styled():
         figure = ax.figure if ax is not None else Figure(figsize=(7.6, 3.8), layout="constrained")

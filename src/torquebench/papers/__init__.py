@@ -1,4 +1,4 @@
-"""The two source papers, item by item: measured, computed, and shown on one page.
+"""Reproduce the two source papers, item by item, on one page of measured and computed results.
 
 All figures quoted from the papers are in `items`.
 """

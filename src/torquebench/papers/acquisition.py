@@ -1,4 +1,4 @@
-"""Frequency acquisition: error budget, counted trains, and a stream as of a counter card."""
+"""Frequency acquisition: error budget, counted pulse trains, and the stream of a counter card."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from torquebench.units import MS_PER_S, TURN
 __all__ = ["Streamed", "acquisition_blocks", "streamed"]
 
 CHANNELS = 4
-"""Both transducers, and the standard's two outputs."""
+"""Number of channels: two transducers, and the two outputs of the standard."""
 CENTRE_HZ, SPAN_HZ = 60e3, 30e3
-"""Frequency without torque, and its change at full scale: the 60 kHz option."""
+"""Frequency at zero torque, and its change at full scale, of a 60 kHz transducer."""
 TIMEBASE_HZ, JITTER_S = 100e6, 5e-9
 TIMEBASE_PPM = 1.0
 BLOCK_S, HELD_BLOCKS = 0.01, 100
-"""Length of the simulated card's blocks, and how many of them it can store."""
+"""Length of the simulated card's blocks, and number of blocks that it can store."""
 LIMIT_PERCENT = 0.1
 PPM = 1e6
 _STEADY_S = 2.0
@@ -35,7 +35,7 @@ Blocks = list[Block]
 
 
 def _ticks(frequency_hz: NDArray[np.float64] | float, edges: int, seed: int) -> NDArray[np.int64]:
-    """Return edges of a train with jitter, in ticks of the timebase."""
+    """Return the edges of a pulse train with jitter, in ticks of the timebase."""
     periods = np.broadcast_to(1.0 / np.asarray(frequency_hz), edges)
     jitter = np.random.default_rng(seed).normal(0.0, JITTER_S, edges)
     return np.floor((np.cumsum(periods) + jitter) * TIMEBASE_HZ).astype(np.int64)
@@ -43,17 +43,17 @@ def _ticks(frequency_hz: NDArray[np.float64] | float, edges: int, seed: int) -> 
 
 @dataclass(frozen=True)
 class Streamed:
-    """Result of a stream.
+    """Result of counting a stream of blocks.
 
     Attributes
     ----------
     edges_per_s : float
-        Of all channels together.
+        Rate of edges on all channels together.
     seconds : float
     blocks, lost : int
-        Delivered blocks, and those for which the card had no room.
+        Numbers of delivered blocks, and of blocks lost because the card's storage was full.
     faults : int
-        Windows that a counter refused.
+        Number of windows in which a counter reported a fault.
     """
 
     edges_per_s: float
@@ -65,9 +65,9 @@ class Streamed:
 
 @cache
 def streamed(seconds: float) -> Streamed:
-    """Count the blocks of a simulated card that delivers edges at its rate, whether taken or not.
+    """Count the edges of a simulated card in real time; it loses blocks when its storage is full.
 
-    All channels swing over nine tenths of their range. The card stores one second.
+    The torque on all channels oscillates over nine tenths of the range. The card stores one second.
     """
     count = round(seconds / BLOCK_S)
     swing = (
@@ -110,8 +110,8 @@ def streamed(seconds: float) -> Streamed:
 
 
 def _counted_ppm(method: CounterMethod, window_s: float) -> tuple[float, float]:
-    """Return u of one window by the counter's own statement and as measured, ppm FS."""
-    frequency = CENTRE_HZ + SPAN_HZ * 0.7310585  # no small fraction of ticks
+    """Return u of one window as the counter states it and as measured, ppm FS."""
+    frequency = CENTRE_HZ + SPAN_HZ * 0.7310585  # the period isn't a simple fraction of a tick
     edges = round(frequency * _STEADY_S)
     counter = FrequencyCounter(method, window_s, TIMEBASE_HZ, edge_jitter_s=JITTER_S)
     end = round(_STEADY_S * TIMEBASE_HZ)
@@ -123,7 +123,7 @@ def _counted_ppm(method: CounterMethod, window_s: float) -> tuple[float, float]:
 
 
 def acquisition_blocks() -> tuple[Answer, Blocks]:
-    """Return the error budget of one window, and counters as stated and as measured."""
+    """Return the error budget of one window, and the counters' stated and measured u."""
     frequency, tau = CENTRE_HZ + SPAN_HZ, BLOCK_S
     by_noise = PPM * 12.0**0.5 * frequency / (tau * (frequency * tau) ** 0.5) / SPAN_HZ
     lines = [

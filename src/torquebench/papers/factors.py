@@ -1,4 +1,4 @@
-"""Items 19 and 20: modules while they turn, under changing torque, and over what changes them."""
+"""Items 19 and 20: errors during rotation, under changing torque, and by influence quantities."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ FloatArray = NDArray[np.float64]
 Measurement = CalibrationData | EmptyRun
 
 CALIBRATED_C, USED_C = (10.0, 40.0), (17.0, 32.0)
-"""Temperatures of further points of the calibration, and of the fresh points."""
+"""Temperatures of additional calibration points, and of the fresh points."""
 OTHER_LUBRICANT = "oil"
 CONDITIONS: tuple[tuple[str, Side | float], ...] = (
     *((lubricant, side) for side in SIDES for lubricant in ("grease", OTHER_LUBRICANT)),
     *(("temperature", celsius) for celsius in (*CALIBRATED_C, *USED_C)),
 )
-"""What is measured, each on a bench of its own: so several processes can do it."""
+"""Conditions, each measured on a separate simulated bench, so that processes can share the work."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ class FactorError:
     side, condition : str
     points : int
     raw, at_rest, identified : float
-        Of the reading, with the calibration at rest and at one temperature, and with what was
-        identified of temperature and rotation as well.
+        Errors of the reading, with the calibration at standstill and one temperature, and with the
+        identified effects of temperature and rotation.
     """
 
     side: str
@@ -78,7 +78,7 @@ class FactorError:
 def measured_at(
     description: BenchDescription, condition: tuple[str, Side | float]
 ) -> dict[str, Measurement]:
-    """Measure a simulated bench under one of `CONDITIONS`; other benches can't be set to it."""
+    """Measure a simulated bench under one of `CONDITIONS`, which a real bench can't be set to."""
     what, place = condition
     changed = {"ambient_c": place} if isinstance(place, float) else {"lubricant": what}
     bench = description.model_copy(update={"driver": {**description.driver, **changed}})
@@ -103,7 +103,7 @@ def _few_points(station: Station, side: Side, seed: int) -> CalibrationData:
 def _turned(
     station: Station, side: Side, lubricant: str, folder: Path
 ) -> Iterator[tuple[str, Measurement]]:
-    """Measure fresh points while the module turns, an empty run, and with grease a calibration."""
+    """Measure fresh points during rotation, an empty run, and with grease a calibration, too."""
     fresh = load_turning_profile("turning-verification").model_copy(
         update={"repeats": 1, "random": RandomPoints(speeds=4, torques=3, seed=1)}
     )
@@ -125,14 +125,14 @@ def factor_errors(
     at_rest: Mapping[Side, CompensationModel],
     measured: Mapping[str, Measurement],
 ) -> tuple[FactorError, ...]:
-    """Compensate all fresh points by both chains.
+    """Compensate all fresh points without and with the identified effects.
 
     Parameters
     ----------
     calibrations, at_rest : mapping
         Points of both modules at rest, and the models fitted to them.
     measured : mapping
-        From `measured_at`, of all conditions.
+        Results of `measured_at` for all conditions.
     """
     errors: list[FactorError] = []
     for side, calibration in calibrations.items():
@@ -183,9 +183,9 @@ def factor_table(errors: Sequence[FactorError]) -> Table:
              number(each.at_rest), number(each.identified)]
             for each in errors
         ],
-        "Worst error of fresh points against the standard. At rest: the calibration at 23 °C "
-        "alone. Identified: points at 10 and 40 °C, a calibration while the module turns and an "
-        "empty run as well.",
+        "Worst error of fresh points against the standard. At rest: by the calibration "
+            "at 23 °C alone. Identified: also by points at 10 and 40 °C, a calibration "
+            "during rotation and an empty run.",
     )  # fmt: skip
 
 
@@ -199,10 +199,10 @@ _LAG_S, _DELAY_S = 53e-6, 167e-6
 
 
 def _read(torque: FloatArray, seed: int) -> FloatArray:
-    """Return readings of a torque that is given in steps of a twentieth of a window.
+    """Simulate readings of a torque that is sampled twenty times per window.
 
-    Flange on a shaft, lag and delay of the transducer, means over windows; the example of an output
-    module. It knows nothing of `TransferFunction`.
+    The chain of an output module: flange on an elastic shaft, lag and delay of the transducer,
+    means over windows. It is independent of `TransferFunction`.
     """
     from scipy.signal import lsim
 
@@ -230,10 +230,10 @@ def _step(time_s: FloatArray, start_s: float) -> FloatArray:
 
 
 def changing_torque() -> tuple[float, float, list[Block]]:
-    """Return the worst amplitude error up to the resonance, before and after, and the blocks.
+    """Return the worst amplitude errors up to resonance, raw and compensated, and figures.
 
-    The chain is identified from two steps, its inverse filter is designed, and both are judged by
-    sines and by a step that weren't used.
+    The chain is identified from two steps and its inverse filter designed; both are then tested
+    with other signals, sines and a step.
     """
     time_s = _times(0.5)
     known = _step(time_s, 0.05) - _step(time_s, 0.25)
@@ -292,7 +292,7 @@ def changing_torque() -> tuple[float, float, list[Block]]:
 
 
 def _phasor(values: FloatArray, frequency_hz: float) -> complex:
-    """Return amplitude and phase over whole periods, after the transient."""
+    """Return amplitude and phase at a frequency over whole periods, after the transient."""
     first = round(0.1 / INTERVAL_S)
     count = round(round(0.2 * frequency_hz) / frequency_hz / INTERVAL_S)
     turns = np.exp(-1j * TURN * frequency_hz * INTERVAL_S * np.arange(first, first + count))

@@ -1,4 +1,4 @@
-"""Facts of a bench beside its tables: its components, and its mounting."""
+"""Facts of a bench for the page: its components and its mounting."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ __all__ = [
 
 FACTS = "bench.csv"
 MOUNTING = "mounting: "
-"""Prefix of the keys of a mounting's record."""
+"""Prefix of the keys of facts from the mounting's record."""
 FAILED = "failed: "
-"""Prefix of the keys of parts of the reducer test that failed."""
+"""Prefix of the keys of facts about failed parts of the reducer test."""
 
 
 def bench_facts(station: Station, mounted: MountingRecord | None) -> dict[str, str]:
-    """Return the sub-systems, the hardware and the record of the mounting, in words.
+    """Describe the bench's sub-systems, hardware and mounting.
 
     Parameters
     ----------
     station : Station
     mounted : MountingRecord or None
-        The entered record; a simulated bench has its own.
+        The entered record; by default that of a simulated bench.
     """
     description, drivers = station.description, station.drivers
     if mounted is None and drivers.truth is not None:
@@ -110,7 +110,7 @@ def _module(described: ModuleDescription) -> str:
 
 
 def write_rows(path: Path, rows: Iterable[Iterable[object]]) -> Path:
-    """Write rows of words and numbers as CSV."""
+    """Write rows as a CSV file."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     atomic_write(path, text.getvalue())
@@ -118,7 +118,7 @@ def write_rows(path: Path, rows: Iterable[Iterable[object]]) -> Path:
 
 
 def read_rows(path: Path, columns: int) -> list[list[str]]:
-    """Read rows below the header; none if there is no such file.
+    """Read the rows of a CSV file below its header; a missing file has none.
 
     Raises
     ------

@@ -1,9 +1,9 @@
-"""Statements of the two source papers, item by item: the only place with the papers' figures.
+"""Statements of the two source papers, item by item; the papers' figures are quoted only here.
 
 [J] Z. Yu, Y. Zhang, Torque Measurement of High-Precision Reducer for Industrial Robot, Journal of
 Sensors, 2021. [M] Z. Yu, Y. Zhang, W. Yu, X. Liu, Measurement and Control, 2022, doi
-10.1177/00202940221103308. The contents of their tables and pictures weren't available as text: a
-reproduction is the same experiment in the same form, compared with their stated limits.
+10.1177/00202940221103308. The contents of their tables and pictures weren't available as text, so a
+reproduction is the same experiment in the same form, compared with the limits in their text.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class Item:
     number : int
     title : str
     theirs : str
-        Statement of the papers.
+        The papers' statement.
     command : str
-        The command that shows it alone.
+        The command that reproduces this item alone.
     """
 
     number: int
@@ -40,7 +40,7 @@ class Item:
 
 @dataclass(frozen=True)
 class Answer:
-    """Result of this bench for an item.
+    """Result of this software for an item.
 
     Attributes
     ----------
@@ -196,7 +196,7 @@ SUB_SYSTEMS = (
     "output module",
     "work bench",
 )
-"""The papers' six items."""
+"""The six sub-systems that the papers name."""
 LOADING = "0.1 % of range"
 HARDWARE: Mapping[str, str] = MappingProxyType(
     {
@@ -210,4 +210,4 @@ HARDWARE: Mapping[str, str] = MappingProxyType(
         "power supply": "not published",
     }
 )
-"""Items that the papers name, by the keys of `facts.bench_facts`."""
+"""Hardware that the papers name, by keys of `facts.bench_facts`."""

@@ -1,4 +1,4 @@
-"""Items 4 to 7: a design's influence on the torque, and the stiffness of its supports."""
+"""Items 4 to 7: additional torque of a chain's design, and stiffness of the supports."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ Blocks = list[Block]
 
 @dataclass(frozen=True)
 class Design:
-    """A chain with the range over which it is checked.
+    """A measuring chain's design and its torque range.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ DESIGNS: Mapping[str, Design] = MappingProxyType(
         ),
     }
 )
-"""Example designs: the papers' dimensions and coefficients aren't published."""
+"""Example designs, because the papers don't publish dimensions and coefficients."""
 
 _WORDS = {
     "outer_diameter_m": "outer diameter D",
@@ -106,7 +106,7 @@ def load_design(path: Path) -> Design:
     Raises
     ------
     InputError
-        A key is missing, unknown or no number.
+        A key is missing or unknown, or its value isn't a number.
     """
     try:
         content = dict(parse_toml(path.read_text(encoding="utf-8"), str(path)))
@@ -134,7 +134,7 @@ def load_design(path: Path) -> Design:
 
 
 def coaxiality_effect_nm(design: Design) -> float:
-    """Return how much a coaxiality error at [J]'s limit changes the torque at full scale, N·m."""
+    """Return the change of torque at full scale, N·m, by a coaxiality error at the limit of [J]."""
     errors = (0.0, COAXIALITY_LIMIT_M)
     without, limit = (
         additional_torque(replace(design.chain, coaxiality_error_m=each), design.range_nm).total_nm
@@ -146,7 +146,7 @@ def coaxiality_effect_nm(design: Design) -> float:
 def _odd(
     design: Design, form: Literal["consistent", "published"]
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return torques over ±range and the odd parts there."""
+    """Return torques over ±range and the additional torque's parts, as odd functions of torque."""
     torque = np.linspace(-design.range_nm, design.range_nm, 401)
     parts = additional_torque(design.chain, np.abs(torque), form=form)
     names = ("bearing friction", "parallel misalignment", "angular misalignment", "sum")
@@ -155,12 +155,12 @@ def _odd(
 
 
 def _style(name: str) -> str:
-    """Return a line style through which curves below stay visible."""
+    """Return a line style; the sum is dashed so that other curves remain visible below it."""
     return "--" if name == "sum" else "-"
 
 
 def _scientific(value: float, digits: int = 3) -> str:
-    """Return a value with a power of ten where it is very large or small.
+    """Return a value as text, with a power of ten if it is very large or small.
 
     Examples
     --------
@@ -172,7 +172,7 @@ def _scientific(value: float, digits: int = 3) -> str:
 
 
 def additional_torque_blocks(design: Design) -> tuple[Answer, Blocks]:
-    """Return figure and tables of the parts, the sensitivities and the coaxiality limit."""
+    """Return figure and tables of additional torque, sensitivities and coaxiality limit."""
     torque, parts = _odd(design, "consistent")
     _, printed = _odd(design, "published")
     consistent = Panel(
@@ -259,7 +259,7 @@ def _sensitivity_table(design: Design) -> Table:
 
 
 def sign_blocks() -> tuple[Answer, Blocks]:
-    """Return how well chains that differ in their sign alone are compensated."""
+    """Compare the compensation of two chains whose additional torques have opposite signs."""
     models = (
         Contender("polynomial", "polynomial, degree 2", {"degree": 2}),
         Contender(
@@ -288,22 +288,23 @@ def sign_blocks() -> tuple[Answer, Blocks]:
             "reducer gets less: worst, N·m",
         ),
         rows,
-        "One synthetic chain of 2000 N·m with a step at reversal, a loop, ripple and local errors, "
-        "and the same chain with the other sign: 200 points up and down, 500 fresh readings. "
-        "Additional torque is standard - reading here, so that its sign follows from the "
-        "calibration and is never assumed. The random start weights of BP have no such symmetry: "
-        "with the other sign its training takes another way.",
+        "One synthetic chain of 2000 N·m with a step at reversal, a loop, ripple and "
+        "local errors, and the same chain with the other sign: 200 points up and down, "
+        "500 fresh readings. Additional torque is standard - reading here, so that its "
+        "sign follows from the calibration and is never assumed. The random start "
+        "weights of BP aren't symmetric: with the other sign its training proceeds "
+        "differently.",
     )
     answer = Answer(
         f"worst errors of both signs differ by a factor of at most {number(max(ratios))}",
         "met" if max(ratios) < 1.5 else "not met",
-        "the calibration decides the sign, no formula does",
+        "the sign follows from the calibration, not from a formula",
     )
     return answer, [table]
 
 
 def section_blocks() -> tuple[Answer, Blocks]:
-    """Return table and curve of the rectangle's twist against a circle of equal area."""
+    """Return table and figure of a rectangle's twist relative to a circle of equal area."""
     ratios = np.array([1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0])
     factors, twists = rectangle_torsion_factor(ratios), equal_area_twist_ratio(ratios)
     rows = [
@@ -355,7 +356,7 @@ def section_blocks() -> tuple[Answer, Blocks]:
 def support_blocks(
     torque_nm: float = 2000.0, design: SupportDesign | None = None, size_m: float = 0.06
 ) -> tuple[Answer, Blocks]:
-    """Return pictures and stiffnesses of both supports, twisted in three dimensions."""
+    """Return figures and stiffnesses of both supports from three-dimensional finite elements."""
     found: SupportComparison = compare_supports(torque_nm, design, size_m=size_m)
     used, length = found.design, found.design.height_m
     shorter, longer = sorted((used.column_m, used.thickness_m))

@@ -1,4 +1,4 @@
-"""The models that the page compares, fitted to one calibration and verified on fresh points."""
+"""Fit the models that the page compares, and verify them at fresh points."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ RECOMMENDED_NAME, BAYESIAN = "recommended", "bp-bayesian"
 
 @dataclass(frozen=True)
 class Choice:
-    """One model of the page.
+    """A model that the page compares.
 
     Attributes
     ----------
     name, title, kind : str
     parameters : mapping
     rising_only : bool
-        Fitted to the rising points, as the papers load.
+        Whether it is fitted to the rising points only, as in the papers.
     """
 
     name: str
@@ -82,12 +82,12 @@ CHOICES: Mapping[str, Choice] = MappingProxyType(
         )
     }
 )
-"""The papers' network in both mappings, their polynomial, and two models of today."""
+"""The papers' network in both mappings, their polynomial, and two of today's models."""
 
 
 @dataclass(frozen=True, eq=False)
 class PapersModel:
-    """A fitted model that verifications take as a chain: without its uncertainty.
+    """A fitted model that `verify` can use like a chain, without uncertainty.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class PapersModel:
 
 @dataclass(frozen=True)
 class NodeTrial:
-    """The network with a number of hidden nodes.
+    """Result of the network with a number of hidden nodes.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ NODE_EPOCHS = 10_000
 
 
 def node_trials(tables: ModuleTables) -> tuple[NodeTrial, ...]:
-    """Train the network of [J] with several numbers of hidden nodes on the rising points."""
+    """Train the network of [J] on the rising points with several numbers of hidden nodes."""
     data, fresh = tables.rising, tables.verification
     found = []
     for hidden in NODES:
@@ -161,11 +161,11 @@ class FittedModule:
     ----------
     tables : ModuleTables
     models : mapping of str to PapersModel
-        By the names of `CHOICES`.
+        Models by the keys of `CHOICES`.
     same, others : VerificationResult or None
-        Groups at the same torques, and at others.
+        Verification in groups at the same torques, and in groups at different torques.
     nodes : tuple of NodeTrial
-        The network with several numbers of hidden nodes.
+        Results of the network with several numbers of hidden nodes.
     """
 
     tables: ModuleTables
@@ -176,11 +176,11 @@ class FittedModule:
 
     @property
     def verified(self) -> VerificationResult | None:
-        """The verification at the same torques, else the other one."""
+        """The verification at the same torques, else that at different torques."""
         return self.same or self.others
 
     def errors_nm(self, data: CalibrationData, name: str = "") -> NDArray[np.float64]:
-        """Return errors against the standard: of a model, or of the reading itself."""
+        """Return errors of a model against the standard, or of the reading if no name is given."""
         if not name:
             return data.reading_nm - data.standard_nm
         torque = self.models[name].torque_nm(data.reading_nm, data.branch.astype(np.float64))
@@ -196,9 +196,9 @@ def fit_module(
     ----------
     tables : ModuleTables
     names : tuple of str
-        Of `CHOICES`.
+        Keys of `CHOICES`.
     trials : bool
-        Whether to try numbers of hidden nodes as well.
+        Whether to try several numbers of hidden nodes, too.
     """
     models = {}
     for name in names:

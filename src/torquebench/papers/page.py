@@ -1,4 +1,4 @@
-"""The page: every item of the papers in their order, with its figure or table and its verdict."""
+"""The page with every item of the papers: figure or table, and verdict."""
 
 from __future__ import annotations
 
@@ -63,12 +63,12 @@ __all__ = [
 LIMIT_PERCENT = 0.1
 """Error and repeatability stated by the papers, % FS."""
 MESH_M, STREAM_S = (0.06, 0.12), (5.0, 1.0)
-"""Elements of the supports and length of the stream: full page, quick page."""
+"""Size of finite elements, and duration of the stream, for the full and the quick page."""
 
 
 @dataclass(frozen=True, eq=False)
 class BenchResult:
-    """One bench: its tables, and the models that were fitted to them.
+    """One bench's tables, and the models fitted to them.
 
     Attributes
     ----------
@@ -86,18 +86,19 @@ Items = dict[int, tuple[Answer, Blocks]]
 def papers_page(
     benches: Sequence[BenchResult], study: Sequence[Row], seeds: int, *, quick: bool = False
 ) -> Page:
-    """Set the page from everything that was measured and computed.
+    """Build the page from all measured and computed results.
 
     Parameters
     ----------
     benches : sequence of BenchResult
-        The first gives the figures; several simulated ones show the influence of the seed.
+        Benches; the figures are those of the first, and several simulated ones show the influence
+        of the seed.
     study : sequence of Row
-        Of `study.Study`.
+        Results of `study.Study`.
     seeds : int
-        Chains of each family in the study.
+        Number of chains of each family in the study.
     quick : bool
-        Whether supports are coarse and the stream is short.
+        Whether to use coarse finite elements and a short stream.
     """
     first = benches[0]
     items: Items = {
@@ -186,13 +187,13 @@ BEYOND = (
         "tests/system/test_driver_contract.py",
     ),
 )
-"""What the papers don't do: subject, what was measured (as docs/benchmarks.md states), where."""
+"""Subjects that the papers don't treat: subject, result (from docs/benchmarks.md), benchmark."""
 
 
 def _beyond() -> Section:
     return Section(
-        "What the papers could not do",
-        "Measured by benchmarks of their own, which the documentation lists with all figures.",
+        "Beyond the papers",
+        "Measured by separate benchmarks, which the documentation lists with all figures.",
         (Table(("subject", "here", "measured by"), [list(row) for row in BEYOND], words=True),),
     )
 
@@ -515,7 +516,7 @@ def _training(bench: BenchResult) -> tuple[Answer, Blocks]:
 
 
 def _nodes(bench: BenchResult) -> Blocks:
-    """Return the number of nodes that the network needs on this bench, for both modules."""
+    """Return a table of the network's errors by number of hidden nodes, for both modules."""
     rows = []
     for side, module in bench.modules.items():
         for found in module.nodes:
@@ -632,13 +633,13 @@ def _groups(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
 
 
 def study_blocks(rows: Sequence[Row], seeds: int) -> tuple[Answer, Blocks]:
-    """Return on which chains which variants reach the claimed ratio, and the tables of all.
+    """Return which variants reach the claimed ratio on which chains, and tables of all results.
 
     Parameters
     ----------
     rows : sequence of Row
     seeds : int
-        Chains of each family.
+        Number of chains of each family.
     """
     if not rows:
         return Answer("not run", "not measured", "leave --no-study out"), []
@@ -687,7 +688,7 @@ def _study_table(
     cell: Callable[[Row], str],
     caption: str,
 ) -> Table:
-    """Return one row a model, one column a family of chains with its points."""
+    """Return a table with one row per model and one column per family and series."""
     found = {(row.title, row.family, row.series): cell(row) for row in rows}
     titles = dict.fromkeys(row.title for row in rows)
     return Table(
@@ -740,15 +741,15 @@ def _alone_table(rows: Sequence[Sequence[str]]) -> Table:
 
 
 def in_place_page(name: str, side: Side, module: FittedModule) -> Page:
-    """Return the report of one transducer calibrated alone and in place.
+    """Return the report that compares a transducer's calibration alone and in place.
 
     Parameters
     ----------
     name : str
-        Of the bench.
+        Name of the bench.
     side : {"input", "output"}
     module : FittedModule
-        With a calibration alone and fresh readings.
+        Module with a calibration of the transducer alone, and fresh readings.
     """
     found = alone_row(module)
     assert found is not None
@@ -780,7 +781,7 @@ def alone_row(module: FittedModule) -> tuple[float, float, float, float] | None:
 
 
 def _by_alone(module: FittedModule, data: CalibrationData) -> np.ndarray:
-    """Return errors on fresh readings of one cubic per calibration alone, N·m."""
+    """Return a cubic's errors, N·m, at fresh readings; it is fitted to the transducer alone."""
     alone = module.tables.alone
     assert alone is not None
     x = alone.reading_nm / data.range_nm
@@ -822,15 +823,15 @@ def _alone_figure(side: Side, module: FittedModule) -> Figure:
 def friction_blocks(
     friction: FrictionTable, module: FittedModule, name: str = RECOMMENDED_NAME
 ) -> tuple[Answer, Blocks]:
-    """Return known against measured friction, with error and repeatability and their verdicts.
+    """Compare certified and measured friction: error and repeatability, with their verdicts.
 
     Parameters
     ----------
     friction : FrictionTable
     module : FittedModule
-        The input module, whose model compensates the readings.
+        The input module with its models.
     name : str
-        Of that model.
+        Key of the model that compensates the readings.
     """
     range_nm = module.tables.calibration.range_nm
     checks = {each: _friction_check(friction, module, each) for each in ("", BP_RESIDUAL, name)}
@@ -884,12 +885,12 @@ def friction_blocks(
 
 
 def _percent_of_friction(check: FrictionCheck) -> float:
-    """Return the largest error as a share of the known friction at its speed, %."""
+    """Return the largest relative error in % of the certified friction at the same speed."""
     return max(100.0 * abs(point.error_nm / point.known_nm) for point in check.points)
 
 
 def _friction_check(friction: FrictionTable, module: FittedModule, name: str) -> FrictionCheck:
-    """Return the check with a model's torques; with the raw reading if the name is empty."""
+    """Check the friction by a model's torques, or by the raw readings if the name is empty."""
     branch = friction.branch.astype(np.float64)
     torque = friction.reading_nm
     if name:
@@ -901,7 +902,7 @@ def _friction_check(friction: FrictionTable, module: FittedModule, name: str) ->
 
 
 def _certified(friction: FrictionTable) -> tuple[CertifiedFriction, ...]:
-    """Return the certificate in the table's columns, by rising speeds."""
+    """Return the certified friction from the table's columns, by increasing speed."""
     speeds, first = np.unique(np.abs(friction.speed_rpm), return_index=True)
     return tuple(
         CertifiedFriction(
@@ -976,7 +977,7 @@ INTERFACE = (
 
 
 def _dynamic(bench: BenchResult) -> tuple[Answer, Blocks]:
-    """Return errors at rest, during rotation, and under changing torque."""
+    """Return the errors at standstill, during rotation, and under changing torque."""
     rows, worst = [], []
     for side, fitted in bench.modules.items():
         data = fitted.tables.verification

@@ -1,4 +1,4 @@
-"""From benches or recorded folders to the page."""
+"""Compute the page's results from benches or recorded folders."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def results_of(
 
 @contextlib.contextmanager
 def workers() -> Iterator[Executor]:
-    """Open the processes that compute beside a measurement, which has priority."""
+    """Open processes that compute during a measurement, at lower priority."""
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(
         min(WORKERS, os.cpu_count() or 1), mp_context=context, initializer=_begin
@@ -68,10 +68,10 @@ def _begin() -> None:
 
 
 def page_study(pool: Executor, file: Path | None, *, quick: bool = False) -> tuple[Study, int]:
-    """Begin the part of the study that the page shows; returns it, and chains of each family.
+    """Start the page's part of the study; return it and the number of chains per family.
 
-    All families with the papers' 50 rising points, and one family loaded up and down as well, with
-    50 points and with 200.
+    It covers all families with the papers' 50 rising points, and one family also loaded up and
+    down, with 50 and with 200 points.
     """
     seeds = range(2) if quick else range(CHAINS)
     wanted = contenders((2_000,), (1.0,)) if quick else contenders((10_000, 50_000), (1.0, 0.5))
@@ -85,7 +85,7 @@ def page_study(pool: Executor, file: Path | None, *, quick: bool = False) -> tup
 
 
 def with_factors(results: list[BenchResult], measured: Iterable[dict[str, Measurement]]) -> None:
-    """Add the errors over temperature, speed and lubricant to the first bench."""
+    """Add the errors at all temperatures and speeds and with all lubricants to the first bench."""
     first = results[0]
     every = {name: found for each in measured for name, found in each.items()}
     errors = factor_errors(

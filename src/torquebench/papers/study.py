@@ -1,4 +1,4 @@
-"""When the network is better than the polynomial by 2.2: a study over synthetic chains.
+"""Study on synthetic chains when the network's error is 2.2 times smaller than the polynomial's.
 
 The papers report 1.8 N·m after the network and up to 4 N·m after a polynomial, on 2000 N·m. Whether
 this is reproduced depends on points, start weights, mapping, epochs, target error and the chain.
@@ -56,15 +56,15 @@ FloatArray = NDArray[np.float64]
 Series = Literal["50 rising", "50 up and down", "100 rising", "200 up and down"]
 
 CHAINS = 20
-"""Number of chains of each family in a whole study."""
+"""Number of chains of each family in a full study."""
 RANGE_NM = 2000.0
 NETWORK_NM, POLYNOMIAL_NM = 1.8, 4.0
 """Errors reported by the papers after the network and after the polynomial, N·m."""
 CLAIMED_RATIO = POLYNOMIAL_NM / NETWORK_NM
 READ_NM = 1.1 * RANGE_NM
-"""Range of the models, as a multiple of the largest torque: a reading may exceed the torque."""
+"""Range of the models, larger than the largest torque, because a reading may exceed the torque."""
 MOST_EPOCHS = 100_000
-"""Epochs after which a training stops without its target error."""
+"""Number of epochs after which a training stops even if it hasn't reached its target error."""
 REPEATABILITY = 1e-4
 """Standard deviation of a steady reading, as a share of the range: 0.2 N·m."""
 SERIES: tuple[Series, ...] = ("50 rising", "50 up and down", "100 rising", "200 up and down")
@@ -74,17 +74,17 @@ _DENSE = np.linspace(-1.0, 1.0, 801)
 
 @dataclass(frozen=True)
 class StudiedChain:
-    """A chain whose additional torque is known: ``reading = torque − A(torque, branch)``.
+    """A chain with known additional torque A: ``reading = torque − A(torque, branch)``.
 
     Attributes
     ----------
     family : str
-        A key of `FAMILIES`.
+        Key of `FAMILIES`.
     seed : int
     scale_nm : float
-        Factor of the shape, so that the best quadratic has an error of 4 N·m.
+        Factor of the shape with which the best quadratic has an error of 4 N·m.
     shape : callable
-        Additional torque by relative torque and branch, before scaling.
+        Additional torque before scaling, as a function of relative torque and branch.
     """
 
     family: str
@@ -99,7 +99,7 @@ class StudiedChain:
     def reading_nm(
         self, torque_nm: FloatArray, branch: FloatArray, rng: np.random.Generator | None = None
     ) -> FloatArray:
-        """Return readings, with their repeatability where a generator draws it."""
+        """Return readings, with random repeatability if a generator is given."""
         reading = torque_nm - self.additional_nm(torque_nm, branch)
         if rng is None:
             return reading
@@ -110,7 +110,7 @@ Shape = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 def _smooth(rng: np.random.Generator) -> Shape:
-    """Another quadratic in each direction: the papers' own form for a torque that reverses."""
+    """Return a quadratic with another coefficient in each direction, the papers' form."""
     bent = rng.uniform(0.8, 1.2, 2)
     linear = rng.uniform(-1.0, 1.0)
 
@@ -121,7 +121,7 @@ def _smooth(rng: np.random.Generator) -> Shape:
 
 
 def _reversing(rng: np.random.Generator) -> Shape:
-    """Add a step where the torque reverses, and a loop between the branches."""
+    """Return the smooth shape with a step at zero torque and a loop between the branches."""
     smooth = _smooth(rng)
     step, width = rng.uniform(0.05, 0.15), rng.uniform(0.005, 0.02)
     loop = rng.choice([-1.0, 1.0]) * rng.uniform(0.02, 0.05)
@@ -134,7 +134,7 @@ def _reversing(rng: np.random.Generator) -> Shape:
 
 
 def _rippled(rng: np.random.Generator) -> Shape:
-    """Add the ripple of spline teeth and two local errors."""
+    """Return the reversing shape with the ripple of spline teeth and two local errors."""
     reversing = _reversing(rng)
     period, phase = rng.uniform(0.12, 0.4), rng.uniform(0.0, TURN)
     ripple = rng.uniform(0.02, 0.05)
@@ -155,7 +155,7 @@ def _rippled(rng: np.random.Generator) -> Shape:
 FAMILIES: Mapping[str, Callable[[np.random.Generator], Shape]] = MappingProxyType(
     {"smooth": _smooth, "reversing": _reversing, "rippled": _rippled}
 )
-"""Shapes of a chain's additional torque; each includes the one before."""
+"""Shapes of a chain's additional torque; each family includes the effects of the previous one."""
 
 
 def best_quadratic_nm(chain: StudiedChain) -> float:
@@ -180,7 +180,7 @@ def studied_chain(family: str, seed: int) -> StudiedChain:
     rng = np.random.default_rng([zlib.crc32(family.encode()), seed])
     shape = FAMILIES[family](rng)
     chain = StudiedChain(family, seed, rng.choice([-1.0, 1.0]), shape)
-    for _ in range(4):  # nearly linear in the scale
+    for _ in range(4):  # the error is nearly proportional to the scale
         factor = POLYNOMIAL_NM / best_quadratic_nm(chain)
         chain = StudiedChain(family, seed, chain.scale_nm * factor, shape)
     return chain
@@ -207,16 +207,16 @@ def _path(series: Series) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True)
 class Contender:
-    """One way to fit a calibration.
+    """A model with its parameters in the study.
 
     Attributes
     ----------
     kind : str
-        Of the model.
+        Kind of the model.
     parameters : mapping
-        Of that model.
+        Parameters of the model.
     title : str
-        In words.
+        Title in the tables.
     """
 
     kind: str
@@ -230,10 +230,10 @@ def contenders(
     *,
     others: bool = True,
 ) -> tuple[Contender, ...]:
-    """Return the quadratic, the papers' network in its variants, and two other models.
+    """Return the quadratic, variants of the papers' network, and two other models.
 
-    The variants with a target error train on until the RMS of the residuals falls below it, at
-    most `MOST_EPOCHS`.
+    Variants with a target error train until the RMS of the residuals falls below it, for at most
+    `MOST_EPOCHS` epochs.
     """
     found = [Contender("polynomial", "polynomial, degree 2", {"degree": 2})]
     for start, named in (("small-uniform", "small start"), ("nguyen-widrow", "Nguyen-Widrow")):
@@ -264,7 +264,7 @@ def contenders(
 
 @dataclass(frozen=True)
 class Finding:
-    """One model on one chain with one series.
+    """Errors of one model on one chain with one series.
 
     Attributes
     ----------
@@ -285,7 +285,7 @@ class Finding:
 
 
 def errors_of(chain: StudiedChain, series: Series, wanted: Iterable[Contender]) -> list[Finding]:
-    """Fit every model to one calibration of a chain, and find their errors on fresh readings."""
+    """Fit every model to one calibration of a chain, and return their errors on fresh readings."""
     share, branch = _path(series)
     rng = np.random.default_rng([chain.seed, zlib.crc32(series.encode())])
     torque = RANGE_NM * share
@@ -299,7 +299,7 @@ def errors_of(chain: StudiedChain, series: Series, wanted: Iterable[Contender]) 
     on = np.repeat(sides, _DENSE.size)
     quiet = features(chain.reading_nm(dense, on), on)
     found = []
-    ways: dict[tuple[str, ...], dict[int, Any]] = {}  # what trainings have in common
+    ways: dict[tuple[str, ...], dict[int, Any]] = {}  # trainings with equal settings
     for contender in wanted:
         model = make_model(contender.kind, range_nm=READ_NM, **contender.parameters)
         if isinstance(model, NetworkModel):
@@ -327,13 +327,13 @@ class Row:
     ----------
     family, series, title : str
     worst_nm, alone_nm : float
-        Median over the chains.
+        Medians over the chains.
     ratio : float
-        Median of the polynomial's worst error by this one's.
+        Median ratio of the polynomial's worst error to this model's.
     beats : int
-        Chains on which it beats the polynomial by 2.2.
+        Number of chains with a ratio of at least 2.2.
     below : int
-        Chains on which its worst reading is below 1.8 N·m.
+        Number of chains on which its worst reading is below 1.8 N·m.
     chains : int
     """
 
@@ -349,7 +349,7 @@ class Row:
 
 
 def summarised(found: Iterable[Finding]) -> list[Row]:
-    """Put the findings of all chains together, in their order."""
+    """Summarise the findings of all chains by family, series and model."""
     groups: dict[tuple[str, str, str], dict[int, Finding]] = {}
     for each in found:
         groups.setdefault((each.family, each.series, each.title), {})[each.seed] = each
@@ -380,7 +380,7 @@ Task = tuple[str, Series, int]
 
 
 def study_tasks(seeds: Iterable[int], *series: tuple[Series, Iterable[str]]) -> tuple[Task, ...]:
-    """Return every chain with its series."""
+    """Return the tasks: every chain with every series of its family."""
     seeds = tuple(seeds)
     return tuple(
         (family, name, seed) for name, families in series for family in families for seed in seeds
@@ -388,17 +388,16 @@ def study_tasks(seeds: Iterable[int], *series: tuple[Series, Iterable[str]]) -> 
 
 
 class Study:
-    """Every model on every chain, by other processes; findings are stored until all are there.
+    """Fits every model to every chain in other processes, and stores findings to resume.
 
     Parameters
     ----------
     tasks : sequence of Task
     wanted : sequence of Contender
     workers : concurrent.futures.Executor
-        Computes from now on, beside what this process does.
+        Processes that start computing at once.
     file : pathlib.Path, optional
-        Of the findings. What an interrupted study of this version has left there isn't computed
-        again.
+        File of the findings; those of an interrupted study of this version aren't computed again.
     """
 
     def __init__(
@@ -422,11 +421,11 @@ class Study:
 
     @property
     def total(self) -> int:
-        """Number of chains with their series."""
+        """Number of tasks."""
         return len(self._tasks)
 
     def _left(self) -> dict[Task, list[Finding]]:
-        """Read the findings of an interrupted study; begin the file anew for another one."""
+        """Read the findings of an interrupted study; clear the file of a different study."""
         if self._file is None:
             return {}
         try:
@@ -436,7 +435,7 @@ class Study:
         found: dict[Task, list[Finding]] = {}
         if key == self._key:
             for line in lines:
-                with contextlib.suppress(ValueError, TypeError):  # the last one may be torn
+                with contextlib.suppress(ValueError, TypeError):  # the last line may be incomplete
                     (family, series, seed), values = json.loads(line)
                     found[family, series, seed] = [Finding(*each) for each in values]
         rows = [json.dumps([task, [astuple(each) for each in f]]) for task, f in found.items()]
@@ -451,7 +450,7 @@ class Study:
         self._done.put(future)
 
     def rows(self, progress: Progress = NO_PROGRESS) -> list[Row]:
-        """Wait for all findings, and summarise them."""
+        """Wait for all findings and summarise them."""
         for _ in self._running:
             future = self._done.get()
             self._found[self._running[future]] = future.result()

@@ -1,4 +1,4 @@
-"""The tables of the page: measured on a bench, or read from a folder."""
+"""The page's tables: measure them on a bench, or read them from a folder."""
 
 from __future__ import annotations
 
@@ -59,15 +59,16 @@ class ModuleTables:
     Attributes
     ----------
     calibration : CalibrationData
-        In place, against the calibrator; rising in each direction, and falling where measured.
+        Calibration in place against the calibrator: rising in each direction, and falling if
+        measured.
     same_points, other_points : CalibrationData or None
-        Groups against the verification standard: at common torques, and at separate ones.
+        Groups against the verification standard, at the same torques and at different torques.
     alone : CalibrationData or None
-        The transducer by itself.
+        Calibration of the transducer alone.
     certificate : ReferenceCertificate or None
-        Of the calibrator on this side.
+        Certificate of the calibrator on this side.
     staircase : float64[n, 4] or None
-        First steps of the calibration, by the columns `STAIRCASE`.
+        All windows of the first calibration steps, with the columns `STAIRCASE`.
     """
 
     calibration: CalibrationData
@@ -79,18 +80,18 @@ class ModuleTables:
 
     @property
     def rising(self) -> CalibrationData:
-        """The rising points of the calibration, as loaded by the papers."""
+        """The rising points of the calibration, which correspond to the papers' series."""
         return self.calibration.subset(self.calibration.branch > 0)
 
     @property
     def verification(self) -> CalibrationData | None:
-        """Fresh points: those at the same torques first."""
+        """The fresh points in groups at the same torques, else those at different torques."""
         return self.same_points if self.same_points is not None else self.other_points
 
 
 @dataclass(frozen=True)
 class FrictionTable:
-    """No-load torque of the standard reducer: read by the input module, and certified.
+    """No-load torque of the standard reducer: readings of the input module, and certified values.
 
     Attributes
     ----------
@@ -111,7 +112,7 @@ class FrictionTable:
 
 @dataclass(frozen=True)
 class ReducerValue:
-    """One quantity of a reducer test, as its report states it.
+    """One quantity of a reducer test, as in its report.
 
     Attributes
     ----------
@@ -128,17 +129,17 @@ class ReducerValue:
 
 @dataclass(frozen=True)
 class BenchTables:
-    """Everything that was measured on one bench.
+    """All measured data of one bench.
 
     Attributes
     ----------
     name : str
-        Of the bench, with preset and seed where it is simulated.
+        Name of the bench, with preset and seed of a simulated one.
     simulated : bool
     modules : mapping of side to ModuleTables
     friction : FrictionTable or None
     facts : mapping of str to str
-        Of `facts.bench_facts`.
+        Results of `facts.bench_facts`.
     reducer : tuple of ReducerValue
         Results of a short test of the mounted reducer.
     factors : tuple of FactorError
@@ -156,19 +157,19 @@ class BenchTables:
 
 @dataclass(frozen=True)
 class PapersSettings:
-    """Measurements on a bench.
+    """Settings of the measurements on a bench.
 
     Attributes
     ----------
     calibration, verification : Profile
     others : bool
-        Whether ten more groups at other torques follow those at the same torques.
+        Whether groups at different torques follow those at the same torques.
     friction : FrictionSettings or None
     seed : int
-        Draws the points of the verifications.
+        Seed of the verifications' random points.
     reducer_test : str
-        Test of `campaign.reducers` that is run in short form on the simulated reducer; empty for
-        none. On a real bench it is `torquebench test`, with the reducer's description.
+        Short test of `campaign.reducers` on the simulated reducer; empty for none. On a real bench,
+        `torquebench test` does this with the reducer's description.
     """
 
     calibration: Profile = field(default_factory=lambda: load_profile("rapid-in-situ"))
@@ -202,15 +203,15 @@ def measure_tables(
 ) -> BenchTables:
     """Measure both modules against calibrator and standard, and the standard reducer's friction.
 
-    No model is put into use: the tables hold readings, which the page compensates.
+    The tables contain readings; the page compensates them by its models.
 
     Parameters
     ----------
     station : Station
     settings : PapersSettings
     certified : tuple of CertifiedFriction
-        Of the standard reducer to be mounted; by default the bench's own. Without either, no
-        friction is measured.
+        Certified friction of the standard reducer; by default that of the simulated bench. Without
+        it, no friction is measured.
     progress : Progress
     mounted : MountingRecord, optional
         Record of the mounting.
@@ -218,10 +219,10 @@ def measure_tables(
     Raises
     ------
     LimitError, InterlockError, BenchError, SignalFault, RunAbortedError
-        As every procedure.
+        As in every procedure.
     """
     options: RunOptions = {"progress": progress, "mounting": mounted}
-    # On a simulated bench the reducer's torques are compensated ones.
+    # On a simulated bench, the reducer test uses compensated torques.
     compensated = bool(settings.reducer_test) and station.drivers.truth is not None
     registered = registers_calibration([ModelChoice(RECOMMENDED)], RECOMMENDED)
     calibrating: RunOptions = {**options, "metadata": registered if compensated else {}}
@@ -270,7 +271,7 @@ _AROUND_S = 0.5
 
 
 def _staircase(measured: Measured[StaircaseResult], side: Side) -> FloatArray | None:
-    """Return every window of the first steps, and whether it belongs to a step's mean."""
+    """Return every window of the first steps, and whether it is part of a step's mean."""
     folder = RunFolder.open(measured.record.folder)
     points = [each["data"] for each in itertools.islice(folder.points(), _SHOWN_STEPS)]
     middle, samples = (
@@ -286,7 +287,7 @@ def _staircase(measured: Measured[StaircaseResult], side: Side) -> FloatArray | 
     columns = folder.raw().columns
     time_s = columns["time_s"]
     stop_s = middle + 0.5 * window_s
-    start_s = stop_s - samples * float(np.median(np.diff(time_s)))  # behind the settling
+    start_s = stop_s - samples * float(np.median(np.diff(time_s)))  # the settled part
     kept = (time_s > start_s[0] - _AROUND_S) & (time_s < stop_s[-1])
     time_s = time_s[kept]
     inside = (time_s[:, None] > start_s) & (time_s[:, None] < stop_s)
@@ -298,7 +299,7 @@ def _staircase(measured: Measured[StaircaseResult], side: Side) -> FloatArray | 
 def _reducer(
     station: Station, test: str, options: RunOptions
 ) -> tuple[tuple[ReducerValue, ...], dict[str, str]]:
-    """Return what a short test measured, and its parts that failed."""
+    """Return the quantities of a short reducer test, and its failed parts."""
     if not test or station.drivers.truth is None:
         return (), {}
     from torquebench.campaign.reducers.settings import ReducerTestSettings
@@ -325,7 +326,7 @@ def _reducer(
 def measure_module(
     station: Station, side: Side, settings: PapersSettings, progress: Progress = NO_PROGRESS
 ) -> ModuleTables:
-    """Calibrate one module in place and verify it; a simulated transducer alone as well."""
+    """Calibrate and verify one module; calibrate a simulated transducer alone, too."""
     calibrated = measure_calibration(station, side, settings.calibration, progress=progress)
     same = settings.verification.with_options(same_points=True)
     verified = measure_verification(station, side, same, settings.seed, progress=progress)
@@ -336,13 +337,13 @@ def measure_module(
 
 
 def _referenced(measured: Measured[StaircaseResult]) -> CalibrationData:
-    """Return the points with the standard that was mounted."""
+    """Return the points with the data of the mounted standard."""
     found = measured.result
     return referenced(found.data, measured.record.metadata, found.standard_serial)
 
 
 def _alone(station: Station, side: Side, calibration: CalibrationData) -> CalibrationData | None:
-    """Return a laboratory's results at the same steps; only for simulated transducers."""
+    """Return a laboratory's calibration of a simulated transducer alone, at the same steps."""
     truth = station.drivers.truth
     if truth is None or calibration.nominal_nm is None:
         return None
@@ -384,7 +385,7 @@ def _friction(
 
 
 def write_tables(folder: Path, tables: BenchTables) -> list[Path]:
-    """Write all tables as CSV files into a folder, from which `read_tables` reads them."""
+    """Write all tables as CSV files into a folder that `read_tables` can read."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     remarks = {"bench": tables.name}
@@ -435,17 +436,16 @@ def _friction_csv(tables: BenchTables) -> str:
 def read_tables(folder: Path) -> BenchTables:
     """Read a folder of recorded tables.
 
-    `calibration-SIDE.csv` (or another format, see `read_table`) is needed of one side at least;
-    `same-points-SIDE`, `other-points-SIDE`, `alone-SIDE` and `friction-standard-reducer` are read
-    where they are. So are `certificate-SIDE.csv` (of the calibrator), `staircase-SIDE.csv`,
-    `reducer.csv` (quantities of a test), `factors.csv` and `bench.csv` (components of the bench).
-    Columns are those of `fit`, the friction's `speed_rpm`, `reading_nm`, `repeat`, `known_nm` and
-    `known_u_nm`.
+    At least one side needs `calibration-SIDE.csv` (or another format, see `read_table`). Optional
+    files are `same-points-SIDE`, `other-points-SIDE`, `alone-SIDE`, `friction-standard-reducer`,
+    `certificate-SIDE.csv` (of the calibrator), `staircase-SIDE.csv`, `reducer.csv` (quantities of a
+    test), `factors.csv` and `bench.csv` (components of the bench). Columns are those of `fit`; the
+    friction's are `speed_rpm`, `reading_nm`, `repeat`, `known_nm` and `known_u_nm`.
 
     Raises
     ------
     InputError
-        There is no calibration, or a table can't be used.
+        There is no calibration, or a table is invalid.
     """
     if not folder.is_dir():
         raise InputError(Message("no folder {folder}", folder), "a folder of recorded tables")
@@ -473,7 +473,7 @@ def read_tables(folder: Path) -> BenchTables:
         raise InputError(
             Message("{folder}: no calibration", folder),
             Message("calibration-input or calibration-output, as {read}", reads()),
-            "name the tables so; `torquebench papers --save FOLDER` writes such a folder",
+            "rename the tables; `torquebench papers --save FOLDER` writes an example",
         )
     friction = None
     path = _table_file(folder, "friction-standard-reducer")

@@ -54,7 +54,7 @@ class DurableFile:
             error.add_note(f"and incomplete data couldn't be removed: {second}")
         return RecordError(
             Message("{path} can't be written ({strerror})", self._path, error.strerror or error),
-            "room and a working disk",
+            "space on a working disk",
             "make room on the disk or repair it; the run must stop",
         )
 

@@ -1,6 +1,6 @@
-"""One open bench: devices, acquisition, run engine, active compensation, safety.
+"""An open bench: devices, acquisition, run engine, active compensation, safety.
 
-All interfaces (command line, panel, API) use a `Station` and nothing below it.
+All interfaces (command line, panel, API) use a bench only through a `Station`.
 """
 
 import lazy_loader

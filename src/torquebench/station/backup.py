@@ -1,8 +1,8 @@
 """Backup of a data directory while the bench runs, and its restoration.
 
-A backup is itself a data directory: it can be listed, verified and exported from. The registry is
-copied first, in one consistent state; all files to which it refers were complete before. Sealed
-runs never change, so each is copied once.
+A backup is itself a data directory, whose records can be listed, verified and exported. The
+registry is copied first, in one consistent state, and all files to which it refers are already
+complete. Sealed runs never change, so each is copied once.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ __all__ = [
 ]
 
 BACKUP_FILE = "backup.json"
-"""File that marks a folder as a backup, with its time and the end of the chain."""
+"""File that marks a folder as a backup; it contains the backup's time and end of the chain."""
 ASIDE = "replaced-"
-"""Beginning of the folder in which `restore` keeps replaced files."""
+"""Beginning of the name of the folder in which `restore` keeps replaced files."""
 ATTEMPTS = 5
 
 
@@ -64,17 +64,17 @@ class Backup:
     Attributes
     ----------
     head : ChainHead
-        Of the registry's copy.
+        End of the chain in the registry's copy.
     runs, known_runs : int
-        Run folders that were copied, and that were there already.
+        Numbers of run folders that were copied now, and by earlier backups.
     open_runs : list of str
-        Runs that were under way: their copy is as after a power cut.
+        Runs that were in progress; their copies are incomplete, as after a power cut.
     files : int
-        Other files that were copied.
+        Number of other files that were copied.
     problems : list of str
-        Files that couldn't be copied since they are damaged or missing.
+        Damaged or missing files, which couldn't be copied.
     outside : list of str
-        Files in the registry that are outside the data directory.
+        Registered files outside the data directory, which aren't copied.
     """
 
     head: ChainHead
@@ -87,7 +87,7 @@ class Backup:
 
 
 def back_up(data: Path, target: Path, progress: Progress = NO_PROGRESS) -> Backup:
-    """Copy a data directory, whose bench may be at work, into a folder; again and again.
+    """Copy a data directory into a new or existing backup; its bench may be in use.
 
     Parameters
     ----------
@@ -100,14 +100,14 @@ def back_up(data: Path, target: Path, progress: Progress = NO_PROGRESS) -> Backu
     Raises
     ------
     InputError
-        If the target is something else, or the registry is on a server.
+        If the target isn't such a folder, or the registry is on a server.
     RecordError
-        Where the registry is damaged; an earlier backup stays as it is.
+        Where the registry is damaged; an earlier backup is kept unchanged.
     """
     require_file_registry("a backup")
     _require_target(data, target)
     private_folder(target)
-    for leftover in target.glob(".*.part*"):  # of an interrupted backup
+    for leftover in target.glob(".*.part*"):  # left by an interrupted backup
         leftover.unlink()
     progress.start("Copying the registry")
     with replacing(target / REGISTRY_FILE) as copy:
@@ -118,7 +118,7 @@ def back_up(data: Path, target: Path, progress: Progress = NO_PROGRESS) -> Backu
                 Message(
                     "the registry {data} is damaged: {damage}", data / REGISTRY_FILE, damage[0]
                 ),
-                "a sound one; an earlier backup stays as it is",
+                "an undamaged registry; an earlier backup is kept unchanged",
                 WAY_BACK,
             )
         with Registry(f"sqlite:///{copy}", data) as registry:
@@ -137,7 +137,7 @@ def back_up(data: Path, target: Path, progress: Progress = NO_PROGRESS) -> Backu
 
 
 def require_file_registry(what: str) -> None:
-    """Refuse file operations for a registry on a server."""
+    """Raise an error if the registry is on a server, where file operations don't apply."""
     if os.environ.get(REGISTRY_URL):
         raise InputError(
             Message("{what} of a registry on a server", what),
@@ -150,18 +150,18 @@ def _require_target(data: Path, target: Path) -> None:
     here, there = data.resolve(), target.resolve()
     if there.is_relative_to(here) or here.is_relative_to(there):
         raise InputError(
-            Message("{target} and {data} lie in each other", target, data),
-            "two folders apart",
-            "name another folder",
+            Message("one of {target} and {data} contains the other", target, data),
+            "two separate folders",
+            "choose another folder",
         )
     if target.is_dir() and any(target.iterdir()) and not (target / BACKUP_FILE).exists():
         names = {path.name for path in target.iterdir()} - {"runs"}
         if not all(name.startswith(f".{REGISTRY_FILE}.") for name in names):
-            # otherwise an interrupted first backup
+            # an interrupted first backup may be completed
             raise InputError(
-                Message("{target} holds something else", target),
+                Message("{target} contains other files", target),
                 "a new folder, or a backup",
-                "name another folder",
+                "choose another folder",
             )
 
 
@@ -178,8 +178,8 @@ def _require_same_records(registry: Registry, target: Path) -> None:
                 before.sequence,
             ),
             "an earlier backup of the same records",
-            "look with `torquebench records verify` whether the registry was replaced; or name "
-            "another folder, and keep this backup",
+            "check with `torquebench records verify` whether the registry was replaced; "
+            "or choose another folder, and keep this backup",
         )
 
 
@@ -188,7 +188,7 @@ def _noted_head(backup: Path) -> ChainHead:
 
 
 def _copy_database(source: Path, target: Path) -> None:
-    """Copy a SQLite database into an empty file, in one consistent state while it is written."""
+    """Copy a consistent state of a SQLite database, which may be in use, into an empty file."""
     with (
         sqlite_reader(source) as address,
         closing(sqlite3.connect(address, uri=True, timeout=30.0)) as origin,
@@ -197,7 +197,7 @@ def _copy_database(source: Path, target: Path) -> None:
         target.chmod(source.stat().st_mode & 0o777)
         try:
             origin.backup(copy)
-            copy.execute("PRAGMA journal_mode=DELETE")  # one file, readable anywhere
+            copy.execute("PRAGMA journal_mode=DELETE")  # a single file without a log beside it
         except sqlite3.DatabaseError as error:
             raise RecordError(
                 Message("{path} can't be read: {problem}", source, error), "a sound file", WAY_BACK
@@ -250,30 +250,33 @@ def _manifest_sha256(folder: Path) -> str:
 
 
 def _copy_run(folder: Path, copied: Path, registered: str | None) -> str:
-    """Copy a run's folder completely or not at all; return its defect."""
+    """Copy a run's folder completely or not at all; return its defect, if any."""
     try:
-        # It replaces the copy of a run that was open at the last backup, or was changed.
+        # The copy replaces an earlier one, of a run that was still open or was changed.
         with atomic_folder(copied) as part:
             for _ in range(ATTEMPTS):
                 shutil.rmtree(part, ignore_errors=True)
                 was_sealed = RunFolder(folder).sealed
                 try:
                     shutil.copytree(folder, part, ignore=shutil.ignore_patterns(".*.part"))
-                except (shutil.Error, FileNotFoundError):  # it is sealed: its files are renamed
+                except (
+                    shutil.Error,
+                    FileNotFoundError,
+                ):  # being sealed, which renames files
                     continue
                 if was_sealed == RunFolder(folder).sealed:
                     break
             if (part / MANIFEST).exists():
                 RunFolder.open(part).verify()
             if registered is not None and _manifest_sha256(part) != registered:
-                raise RecordError("its manifest isn't the one that is registered")
+                raise RecordError("its manifest differs from the registered one")
     except RecordError as error:
         return Message("run {label}: {found}", folder.name, error.found)
     return ""
 
 
 def _other_files(data: Path) -> Iterator[Path]:
-    """Yield files of the records beside registry, runs and audit log."""
+    """Yield files of the data directory other than registry, runs and audit log."""
     for path in sorted(data.rglob("*")):
         top = path.relative_to(data).parts[0]
         own = top in ("runs", AUDIT_FOLDER, REGISTRY_FILE, LOCK_FILE, BACKUP_FILE)
@@ -298,7 +301,7 @@ def _copy_file(
 
 
 def _copy_audit(source: Path, target: Path) -> None:
-    """Copy whole lines of a log that may be written or archived meanwhile."""
+    """Copy the complete lines of an audit log that may be written or archived meanwhile."""
     if not source.is_dir():
         return
     private_folder(target)
@@ -332,11 +335,11 @@ class Restored:
     restored : list of str
         Missing files that were restored.
     replaced : list of str
-        Different files that were moved aside and replaced by the backup's.
+        Files that differed from the backup's and were replaced by them.
     kept : list of str
-        Newer files than the backup's, which are kept.
+        Files newer than the backup's, which are kept.
     missing : list of str
-        What the backup's registry names and the backup doesn't have.
+        Files that the backup's registry names but the backup doesn't contain.
     aside : pathlib.Path or None
         Folder of the replaced files.
     """
@@ -351,36 +354,36 @@ class Restored:
 def restore(
     backup: Path, data: Path, *, replace: bool = False, progress: Progress = NO_PROGRESS
 ) -> Restored:
-    """Restore missing files of a data directory, and with `replace` damaged ones: all or nothing.
+    """Restore missing files of a data directory, and with `replace` changed ones, all or none.
 
-    The backup's seals are compared first, and links in it are refused. Everything is copied beside
-    the data and compared again before the first file gets its place, which must be empty: files
-    that differ from the backup are listed, and with `replace` moved to a separate folder. Newer
-    files are kept.
+    The backup is first compared with its registry, and links in it are refused. All files are
+    copied into a temporary folder and compared again before the first one is moved to its place.
+    Files that differ from the backup are listed, and with `replace` moved to a separate folder.
+    Newer files are kept.
 
     Parameters
     ----------
     backup : pathlib.Path
-        Made by `back_up`.
+        A backup made by `back_up`.
     data : pathlib.Path
-        It needn't exist.
+        The data directory; it needn't exist.
     replace : bool
-        Whether different files are moved aside and restored.
+        Whether to replace files that differ from the backup.
     progress : Progress
         Receives the progress of comparing and copying.
 
     Raises
     ------
     InputError
-        Where it isn't a backup, something differs, or the bench is open. Nothing is changed then.
+        Where the folder isn't a backup, files differ, or the bench is open. Then nothing is
+        changed.
     RecordError
-        Where the backup itself is damaged or contains a link, or the disk fails. Nothing is
-        changed then.
+        Where the backup is damaged or contains a link, or the disk fails. Then nothing is changed.
     """
     require_file_registry("restoring")
     if not (backup / BACKUP_FILE).is_file():
         raise InputError(
-            Message("{backup} is no backup", backup),
+            Message("{backup} isn't a backup", backup),
             Message("a folder with {metadata}", BACKUP_FILE),
         )
     _refuse_links(backup)
@@ -398,8 +401,8 @@ def restore(
                 Message(
                     "{count} in {data} differ from the backup: {shown}", len(differing), data, shown
                 ),
-                "what is missing or as in the backup; nothing was changed",
-                "--replace puts them aside into a folder of their own and restores them",
+                "files that are missing or equal those of the backup; nothing was changed",
+                "--replace moves them into a separate folder and restores the backup's",
             )
         with _staged(backup, data, [*missing, *differing], progress) as staged:
             aside = data / f"{ASIDE}{datetime.now(UTC):%Y%m%dT%H%M%S%fZ}"
@@ -410,30 +413,30 @@ def restore(
 
 
 def _refuse_links(folder: Path, names: tuple[str, ...] = ()) -> None:
-    """Refuse a folder with links or devices: their content lies elsewhere.
+    """Raise an error if a folder contains links or devices, whose content is elsewhere.
 
     Parameters
     ----------
     folder : pathlib.Path
     names : tuple of str
-        Only these in it; by default everything.
+        Names in the folder to check; by default all.
     """
     for path in (folder / name for name in names) if names else sorted(folder.rglob("*")):
         if path.is_symlink() or (path.exists() and not (path.is_dir() or path.is_file())):
             raise RecordError(
                 Message("{path} is a link or a device", path),
                 "files and folders",
-                "put the files themselves there, or take another backup",
+                "replace it by the files themselves, or use another backup",
             )
 
 
 def _check_seals(backup: Path) -> list[str]:
-    """Compare everything in a backup with its registry; return what it doesn't have.
+    """Compare all files of a backup with its registry; return the names of missing ones.
 
     Raises
     ------
     RecordError
-        Something was changed.
+        A file of the backup was changed.
     """
     damage = damage_of_file(backup / REGISTRY_FILE)
     if damage:
@@ -441,7 +444,7 @@ def _check_seals(backup: Path) -> list[str]:
             Message("the backup's own registry is damaged: {damage}", damage[0]), "", "take another"
         )
     with tempfile.TemporaryDirectory(prefix="torquebench-") as scratch:
-        copy = Path(scratch) / REGISTRY_FILE  # an older one is upgraded there
+        copy = Path(scratch) / REGISTRY_FILE  # an older registry is upgraded in this copy
         _copy_database(backup / REGISTRY_FILE, copy)
         report = check_data_directory(backup, registry=f"sqlite:///{copy}")
     changed = [
@@ -456,7 +459,7 @@ def _check_seals(backup: Path) -> list[str]:
                 "the backup itself is damaged: {what}",
                 Message.joined([str(each) for each in sealed[:3]], "; "),
             ),
-            "a backup as it was made; nothing was changed",
+            "an unchanged backup; nothing was restored",
             "take another backup",
         )
     return [finding.where for finding in report.findings if finding.kind == "file"]
@@ -469,10 +472,10 @@ def _staged(backup: Path, data: Path, names: list[str], progress: Progress) -> I
     Raises
     ------
     RecordError
-        A copy can't be written, or differs from what it was made of.
+        A copy can't be written, or differs from its source.
     """
     part = data / ".restored.part"
-    shutil.rmtree(part, ignore_errors=True)  # of an interrupted attempt
+    shutil.rmtree(part, ignore_errors=True)  # left by an interrupted attempt
     try:
         private_folder(part)
         progress.start("Copying", len(names))
@@ -497,15 +500,15 @@ def _staged(backup: Path, data: Path, names: list[str], progress: Progress) -> I
     except OSError as error:
         raise RecordError(
             Message("the backup can't be copied to {data}: {error}", data, error),
-            "room on the disk; nothing was changed",
-            "make room, or choose another --data",
+            "space on the disk; nothing was changed",
+            "free space, or choose another --data",
         ) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
 
 
 def _move_in(staged: Path, data: Path, names: tuple[str, ...], aside: Path) -> None:
-    """Give staged files their places, after moving aside what is there; all of them or none."""
+    """Move staged files to their places, and files there into another folder; all or none."""
     moved: list[tuple[Path, Path]] = []
 
     def move(source: Path, target: Path) -> None:
@@ -515,7 +518,7 @@ def _move_in(staged: Path, data: Path, names: tuple[str, ...], aside: Path) -> N
 
     try:
         for name in names:
-            # A log that is left beside another database would be taken for its own.
+            # SQLite would apply a log that remains beside the restored database.
             endings = ("", "-wal", "-shm") if name.endswith(".sqlite") else ("",)
             for present in (f"{name}{ending}" for ending in endings):
                 if (data / present).exists():
@@ -524,12 +527,12 @@ def _move_in(staged: Path, data: Path, names: tuple[str, ...], aside: Path) -> N
     except OSError:
         for source, target in reversed(moved):
             target.rename(source)
-        shutil.rmtree(aside, ignore_errors=True)  # only empty folders are left in it
+        shutil.rmtree(aside, ignore_errors=True)  # it contains only empty folders
         raise
 
 
 def _compare(backup: Path, data: Path, done: Restored) -> tuple[list[str], list[str]]:
-    """Return missing and different files; newer ones go to `kept`."""
+    """Return the missing and the different files; add newer ones to `kept`."""
     missing: list[str] = []
     differing: list[str] = []
 
@@ -561,7 +564,7 @@ def _compare(backup: Path, data: Path, done: Restored) -> tuple[list[str], list[
 
 
 def _registry_state(backup: Path, data: Path) -> tuple[bool, bool]:
-    """Return whether the registry equals the backup's, and whether it is newer and sound."""
+    """Return whether the registry equals the backup's, and whether it is newer and undamaged."""
     file = data / REGISTRY_FILE
     if not file.exists() or not file.stat().st_size or damage_of_file(file):
         return False, False

@@ -1,8 +1,8 @@
-"""A lock on a bench and its records, which ends with its process.
+"""Lock a bench and its records; the lock ends with the process.
 
-Two processes that command one drive, or write runs of one bench into one registry, would conflict.
-So opening a bench locks the data directory and, where the bench has real instruments, its drives.
-Reading records needs no lock.
+Two processes must not command one drive or write runs into one data directory. Opening a bench
+therefore locks the data directory and, if the bench has real instruments, its drives. Reading
+records needs no lock.
 """
 
 from __future__ import annotations
@@ -28,27 +28,27 @@ from torquebench.message import Message
 __all__ = ["LOCK_FILE", "BenchLock"]
 
 LOCK_FILE = "bench.lock"
-"""File in the data directory with the name of who has the bench open; it stays after closing."""
+"""File in the data directory that names the process with the open bench; it is never deleted."""
 LOCKED_BYTE = 2**30
-"""Far behind the text, so that the text stays readable."""
+"""Position of the locked byte on Windows, far behind the text, which stays readable."""
 LONGEST_OWNER = 4096
 LONGEST_SHOWN = 120
 
 
 class BenchLock:
-    """Holds a bench for this process until it is released or the process ends.
+    """Locks a bench for this process until it is released or the process ends.
 
     Parameters
     ----------
     description : BenchDescription or None
-        None locks the records alone.
+        Bench to lock; None locks only the records.
     data_dir : pathlib.Path
         Folder of the records; created if missing.
 
     Raises
     ------
     InputError
-        Another process has the bench open, or works with these records.
+        Another process has locked the bench or the records.
 
     Examples
     --------
@@ -82,15 +82,16 @@ class BenchLock:
                 raise InputError(
                     Message("{path} can't be locked: {strerror}", path, error.strerror),
                     "a data directory on a file system with locks",
-                    "choose a local one with --data",
+                    "choose a folder on a local disk with --data",
                 ) from error
             raise InputError(
                 Message("{what} are in use by {text}", what, _told(text)),
-                "one process that has a bench open",
-                "wait until it ends, or end it; records can be listed and exported meanwhile",
+                "one process with an open bench",
+                "wait until that process ends, or end it; records can be listed and "
+                "exported meanwhile",
             ) from None
         self._files.append(file)
-        with contextlib.suppress(OSError):  # a full disk: the lock holds without a name
+        with contextlib.suppress(OSError):  # a full disk: the lock works without a name, too
             os.truncate(file, 0)
             os.write(file, json.dumps(owner, ensure_ascii=False).encode() + b"\n")
 
@@ -101,7 +102,7 @@ class BenchLock:
         self.release()
 
     def release(self) -> None:
-        """Let go. A second call does nothing."""
+        """Release all locks. A second call does nothing."""
         files, self._files = self._files, []
         for file in files:
             with contextlib.suppress(OSError):
@@ -110,7 +111,7 @@ class BenchLock:
 
 
 def _owner(description: BenchDescription | None) -> dict[str, str]:
-    """Describe this process, for the message to others."""
+    """Describe this process for the error messages of other processes."""
     return {
         "bench": "" if description is None else description.name,
         "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
@@ -140,10 +141,10 @@ def _plain(text: str) -> str:
 
 
 def _drives(description: BenchDescription) -> Iterator[tuple[Path, str]]:
-    """Return a lock file of this computer for every drive that other processes could command."""
+    """Yield a lock file for every drive that other processes could command, and its name."""
     driver: Mapping[str, Any] = description.driver
     if description.bench.driver == "simulated":
-        return  # the instrument is part of this process
+        return  # the simulated instruments belong to this process
     sections = {key: driver[key] for key in ("input_drive", "output_drive") if key in driver}
     for key, section in (sections or {description.bench.driver: driver}).items():
         told = {name: value for name, value in dict(section).items() if name != "timeout_s"}
@@ -158,7 +159,7 @@ def _drives(description: BenchDescription) -> Iterator[tuple[Path, str]]:
 
 
 def _opened(path: Path) -> int:
-    """Open a lock file, even of another user, whose text can't be changed."""
+    """Open a lock file; that of another user is opened read-only."""
     flags = os.O_RDWR | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
     with contextlib.suppress(FileNotFoundError):
         try:

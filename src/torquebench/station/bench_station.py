@@ -1,4 +1,4 @@
-"""The station: one open bench that commands and panel talk to."""
+"""The station: an open bench, which commands and panel control through it."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ __all__ = ["Station", "data_directory"]
 logger = logging.getLogger(__name__)
 
 UNLOADED_WITHIN_S = 1.0
-"""Longest bench time for which readings may show torque after both drives are at zero, s."""
+"""Longest bench time to wait for unloaded readings after both drives have zero torque, s."""
 REST_TIMEOUT_S = 5.0
-"""Longest wait for the drives after an alarm, in addition to a stall's time, s of wall time."""
+"""Longest wait for the drives' safe state in addition to `stall_s`, s of wall time."""
 
 REGISTRY_WAIT_S = 10.0
 """Longest wait for the registry's server when a bench is opened, s of wall time."""
@@ -57,22 +57,22 @@ OnPause = Callable[["Station"], Literal["resume", "abort"]]
 
 
 def data_directory(data_dir: Path | str | None = None) -> Path:
-    """Return where records are kept: as given, `$TORQUEBENCH_DATA`, or `./torquebench-data`."""
+    """Return the data directory: as given, `$TORQUEBENCH_DATA`, or `./torquebench-data`."""
     return Path(data_dir or os.environ.get("TORQUEBENCH_DATA") or "torquebench-data")
 
 
 class Station:
     """An open bench.
 
-    Use as a context manager: leaving it brings the bench to zero torque, ends every thread and
-    closes the instruments::
+    As a context manager it brings the bench to zero torque at the end, ends every thread and closes
+    the instruments::
 
         with Station.open(None, "torquebench-data") as station:
             record = station.run(plan(station.devices), kind="calibrate-output")
 
-    Additional commands for plans: `Msg("sleep", None, seconds)` (what `bps.sleep` sends) sleeps in
-    bench time; `Msg("progress", None, done, total, detail)` tells the `Progress` given to `run` how
-    many steps are done.
+    Plans have additional commands: `Msg("sleep", None, seconds)` (sent by `bps.sleep`) sleeps in
+    bench time; `Msg("progress", None, done, total, detail)` reports the number of finished steps to
+    the `Progress` of `run`.
 
     Attributes
     ----------
@@ -154,17 +154,17 @@ class Station:
         data_dir : path, optional
             Default: `$TORQUEBENCH_DATA`, else `./torquebench-data`.
         real_time : bool
-            Simulated time follows the wall instead of running as fast as it computes.
+            Whether simulated time runs in real time instead of as fast as possible.
         operator : OperatorPrompts, optional
             Interface to the operator; by default the driver's.
         drivers : DriverSet, optional
-            Instruments that are open already; the station closes them. Without them those that
-            the description names.
+            Instruments that are open already, which the station closes; by default it opens those
+            of the description.
 
         Raises
         ------
         InputError
-            The description is wrong, or another process has the bench or its records open.
+            The description is invalid, or another process has locked the bench or its records.
         BenchError
             An instrument doesn't answer.
         """
@@ -218,19 +218,19 @@ class Station:
                 raise
 
     def close(self) -> None:
-        """Zero torque, end every thread, close the instruments. A second call does nothing.
+        """Bring the bench to zero torque, end every thread and close the instruments.
 
         Raises
         ------
         BenchError
-            A running plan calls it and would wait for itself. Or a drive isn't off after closing;
-            the message states its torque and power.
+            A running plan calls this method, which would wait for the plan; or a drive isn't off
+            after closing, and the message states its torque and power.
         """
         if self._closed:
             return
         if self.engine.on_own_thread:
             raise BenchError(
-                "a plan under way closes its bench",
+                "a running plan tried to close its bench",
                 "closing by the program that opened it",
                 "abort the run and close the bench when it has returned",
             )
@@ -258,17 +258,17 @@ class Station:
             raise unsafe.error()
 
     def _note_audit_end(self) -> None:
-        """Enter the audit log's end into the registry, so that its last lines can't be removed."""
+        """Register the end of the audit log, so that a later removal of lines is detected."""
         end = self.audit.end
         if not end.line:
             return
         try:
             self.registry.add_audit_end(self.audit.path.parent, end.line, end.sha256)
-        except RecordError as error:  # the next closing records these lines, too
+        except RecordError as error:  # the next closing registers these lines, too
             logger.warning("the end of the audit log can't be noted: %s", error)
 
     def _come_to_rest(self, *, disable: bool) -> None:
-        """Bring both drives to zero torque; doesn't raise if the bench has ended already."""
+        """Bring both drives to zero torque; ignore errors of a bench that stopped already."""
         if not self._commands.any_enabled:
             return
         unloading_s = self.supervisor.unload()
@@ -280,7 +280,7 @@ class Station:
             self._await_unloaded()
 
     def _await_unloaded(self) -> None:
-        """Wait until the readings are unloaded too, so that the next run starts without torque."""
+        """Wait until the readings are near zero, so that the next run starts without torque."""
         block_s = self.description.counter.block_s
         for _ in range(round(UNLOADED_WITHIN_S / block_s)):
             if all(self._is_unloaded(side) for side in SIDES):
@@ -304,33 +304,33 @@ class Station:
         before_s: float = 0.0,
         files: Callable[[], Mapping[str, bytes]] = dict,
     ) -> RunRecord:
-        """Run a plan to its end, with everything it emits kept in a run folder.
+        """Run a plan to its end and record it in a run folder.
 
-        Blocks the caller; Call `pause`, `resume` and `abort` from other threads; Ctrl-C also
-        pauses. Whatever happens, the bench is at zero torque when this returns.
+        The caller is blocked; `pause`, `resume` and `abort` are called from other threads, and
+        Ctrl-C pauses, too. The bench is at zero torque at the end, even after an error.
 
         Parameters
         ----------
         plan : generator of Msg
         kind : str
-            What the run does, such as "calibrate-output": letters, digits and hyphens.
+            Kind of run, such as "calibrate-output": letters, digits and hyphens.
         metadata : mapping, optional
-            Kept with the run: operator, profile and whatever else is known before.
+            Stored at the start of the run: operator, profile and other data known beforehand.
         progress : Progress, optional
-            Told how many steps of the plan are done, on the engine's thread.
+            Receives the number of finished steps, on the engine's thread.
         on_pause : callable, optional
-            Called on the calling thread when a pause is reached; returns how to continue. Without
-            it the run waits for `resume` or `abort`.
+            Called on the calling thread at a pause; returns how to continue. Without it, a paused
+            run waits for `resume` or `abort`.
         before_s : float
-            Keep what was acquired so long before, too, s; see `Acquisition.remember`.
+            Time before the start whose data are recorded, too, s; see `Acquisition.remember`.
         files : callable, optional
-            Returns further files of the run by name. They are written when the plan has ended,
-            before the results, and also when it failed.
+            Returns additional files of the run by name. They are written at the end of the plan
+            before the results, even if the plan failed.
 
         Returns
         -------
         RunRecord
-            With `exit_status` "success" or "abort".
+            Record with `exit_status` "success" or "abort".
 
         Raises
         ------
@@ -341,7 +341,9 @@ class Station:
         """
         try:
             if not self._run_lock.acquire(blocking=False):
-                raise BenchError("a run is under way", "one run at a time", "wait or abort it")
+                raise BenchError(
+                    "another run is in progress", "one run at a time", "wait for it, or abort it"
+                )
             try:
                 return self._run(
                     plan, kind, dict(metadata or {}), progress, on_pause, before_s, files
@@ -349,8 +351,8 @@ class Station:
             finally:
                 self._run_lock.release()
         finally:
-            with contextlib.suppress(ValueError):  # a run whose loop hangs
-                plan.close()  # also one that never started
+            with contextlib.suppress(ValueError):  # the engine's loop hangs in this run
+                plan.close()  # even a plan that never started
 
     def _run(
         self,
@@ -388,7 +390,7 @@ class Station:
             try:
                 outcome = self.engine.run(plan, recording.document)
             except BaseException:
-                with contextlib.suppress(TorquebenchError):  # it doesn't hide why the plan failed
+                with contextlib.suppress(TorquebenchError):  # the plan's error counts
                     writer.write_files(files())
                 raise
             writer.write_files(files())
@@ -397,11 +399,11 @@ class Station:
                 writer.write_results(outcome.plan_result)
         except Exception as error:
             recording.end_failed(finish, self._cause(error, alarms_before))
-            cause = self._cause(error, alarms_before)  # nothing may be on at rest
+            cause = self._cause(error, alarms_before)  # no drive may have torque or power at rest
             if cause is error:
                 raise
             raise cause from error
-        except BaseException as error:  # a second Ctrl-C: the folder is still sealed
+        except BaseException as error:  # a second Ctrl-C: seal the folder nevertheless
             recording.end_failed(finish, error)
             raise
         reason = outcome.reason if aborted else ""
@@ -420,7 +422,7 @@ class Station:
         )
 
     def _finish(self, recording: Recording, status: RunEnd, reason: str) -> None:
-        """Come to rest, end the recording, seal the folder, enter it into the registry."""
+        """Bring the bench to rest, end the recording, seal the folder and register the run."""
         self.engine.unwatch()
         self.supervisor.limits.loosen()
         self._come_to_rest(disable=status != "completed")
@@ -430,7 +432,7 @@ class Station:
         recording.end(status, reason)
 
     def _cause(self, error: Exception, alarms_before: int) -> Exception:
-        """Return the remaining torque or power, otherwise the alarm, otherwise the error."""
+        """Return why a run failed: remaining torque or power, else an alarm, else the error."""
         if (unsafe := self.supervisor.unsafe) is not None:
             return unsafe.error()
         alarms = self.supervisor.history[alarms_before:]
@@ -438,18 +440,18 @@ class Station:
 
     @property
     def alarms(self) -> tuple[RaisedAlarm, ...]:
-        """Active alarms and warnings, the worst first."""
+        """Active alarms and warnings, the most severe first."""
         return self.supervisor.alarms
 
     def _audit_alarm(self, entry: RaisedAlarm) -> None:
-        """Write changes of an alarm into the audit log."""
+        """Write a change of an alarm into the audit log."""
         alarm = entry.alarm
         event = alarm.level.name.lower() + " alarm"
         if entry.acknowledged is not None:
             event += " acknowledged"
         elif entry.cleared is not None:
             event += " cleared"
-        # Acquisition and supervisor, who report changes, don't wait for the disk.
+        # Acquisition and supervisor, which report changes, must not wait for the disk.
         write = self.audit.write_soon if entry.acknowledged is None else self.audit.write
         write(
             event,
@@ -480,7 +482,8 @@ class Station:
                 runs,
             ),
             "a registry that answers",
-            "check whether its server runs and has room; it catches up by itself",
+            "check whether its server runs and has free space; waiting runs are then "
+            "stored automatically",
         )
         self._registry_warning = alarm.number
 
@@ -496,7 +499,7 @@ class Station:
     # -- pause, resume, abort ---------------------------------------------------------------
 
     def pause(self) -> None:
-        """Pause at the next point; the torque goes to zero there, the run stays open."""
+        """Pause the run at its next point with zero torque."""
         self.engine.pause()
 
     def resume(self) -> None:
@@ -505,38 +508,38 @@ class Station:
 
     @property
     def paused(self) -> bool:
-        """Whether a run is held in a pause."""
+        """Whether a run is paused."""
         return self.engine.held
 
     def abort(self, reason: str = "") -> None:
         """End the run with zero torque.
 
-        The drives are commanded directly first, so this works while the event loop is blocked.
+        The drives are commanded directly first, so this works even if the event loop is blocked.
         """
         self.supervisor.unload()
-        self.drivers.operator.cancel()  # a plan that waits for a person can't end
+        self.drivers.operator.cancel()  # a plan that waits for a person couldn't end
         self.engine.abort(reason)
 
     def emergency_stop(self, reason: str) -> Alarm:
         """Bring the bench to its safe state and latch an alarm, from any thread.
 
-        This is no emergency stop in the sense of machine safety: that one is a red button.
+        This isn't an emergency stop in the sense of machine safety, which needs a hardware button.
         """
         return self.supervisor.trip(
-            AlarmKind.STOP, "station", reason, "", "acknowledge when the cause is gone"
+            AlarmKind.STOP, "station", reason, "", "acknowledge it when the cause is removed"
         )
 
     def _attend(self, on_pause: OnPause | None) -> None:
-        """Ask how to continue after a pause, on the thread that called `run`."""
+        """At a pause, ask `on_pause` on the thread that called `run` how to continue."""
         if on_pause is None or not self.engine.held:
             return
         if on_pause(self) == "resume":
             self.resume()
         else:
-            self.abort("ended in a pause")
+            self.abort("ended during a pause")
 
     def _on_interrupt(self) -> None:
-        """Act on Ctrl-C."""
+        """Pause at the first Ctrl-C if configured so, otherwise abort."""
         if self.interrupt_action == "pause" and not self.engine.pausing:
             self.pause()
         else:
@@ -550,21 +553,21 @@ class Station:
         accepted: Timebase | None = None,
         fitted: CompensationModel | None = None,
     ) -> ActiveChain:
-        """Compensate a side by the registry's active model of its transducer and counter.
+        """Use the registry's active model of a side's transducer and counter for compensation.
 
         Parameters
         ----------
         side : {"input", "output"}
         accepted : Timebase, optional
-            Where there is no model of this counter, one of that counter is used with more
-            uncertainty.
+            Another counter whose model is accepted, with more uncertainty, if there is none of the
+            present counter.
         fitted : CompensationModel, optional
-            It is used if it is the active one: its table is compiled already.
+            A model whose table is already compiled; used if it is the active one.
 
         Raises
         ------
         ModelMismatchError
-            There is none for exactly this transducer serial and this counter.
+            There is no active model for this transducer serial and this counter.
         RecordError
             The model's file is missing or was changed.
         """

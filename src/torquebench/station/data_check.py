@@ -1,4 +1,4 @@
-"""Integrity of a whole data directory: registry, folders, files, audit log."""
+"""Check the integrity of a data directory: registry, folders, files, audit log."""
 
 from __future__ import annotations
 
@@ -57,15 +57,15 @@ def check_data_directory(
     folders: bool = True,
     registry: str | None = None,
 ) -> IntegrityReport:
-    """Compare all files of a data directory with their entries.
+    """Compare all files of a data directory with the registry.
 
-    Nothing is written, so that a directory on a read-only file system can be checked.
+    Nothing is written, so even a directory on a read-only file system can be checked.
 
     Parameters
     ----------
     data : pathlib.Path
     anchors : tuple of ChainHead
-        Ends of the chain that were noted down earlier.
+        Ends of the chain that were noted earlier.
     folders : bool, default True
         Whether run folders and files are compared too, which reads all of them.
     registry : str, optional
@@ -74,7 +74,7 @@ def check_data_directory(
     Returns
     -------
     IntegrityReport
-        With one finding a defect. If the registry can't be read, its files aren't compared.
+        Report with one finding per defect. If the registry can't be read, no files are compared.
     """
     findings: list[Finding] = []
     if registry is None and not os.environ.get(REGISTRY_URL):
@@ -130,7 +130,7 @@ def _check(
     unreadable: list[str] = []
     runs = registry.entries(RunSummary, problems=unreadable)
     if any(each.kind == "changed" for each in report.findings):
-        # A damaged row no longer matches its index: one defect, reported with the row.
+        # A damaged row doesn't match its index either; the row's finding is enough.
         findings = [each for each in findings if each.remedy != OF_AN_INDEX]
     findings += report.findings
     findings += survived("folders", _strangers(registry, {run.run_id for run in runs}))
@@ -143,7 +143,7 @@ def _check(
     except (RecordError, OSError, *UNREADABLE) as error:
         findings.append(Finding("audit", str(log), "", f"it can't be compared: {error}"))
     remarks = []
-    with contextlib.suppress(RecordError, *UNREADABLE):  # a row that can't be read is a finding
+    with contextlib.suppress(RecordError, *UNREADABLE):  # an unreadable row is another finding
         remarks += [*_rebuilt(registry), *time_remarks(registry)]
     return replace(
         report,
@@ -158,7 +158,7 @@ def _rebuilt(registry: Registry) -> Iterator[str]:
         yield (
             Message(
                 "the registry was {how} by {by} on {when:%Y-%m-%d %H:%M:%S} UTC ({count} "
-                "runs); ends of the chain noted before may not be in it",
+                "runs); ends of the chain that were noted earlier may be missing",
                 how,
                 by or "somebody",
                 when,
@@ -168,7 +168,7 @@ def _rebuilt(registry: Registry) -> Iterator[str]:
 
 
 def _strangers(registry: Registry, known: set[str]) -> Iterator[Finding]:
-    """Yield folders that aren't in the registry."""
+    """Yield a finding for every run or certificate folder that isn't in the registry."""
     strange = [path for path in run_folders(registry.root) if path.name not in known]
     if strange and not known:
         count = Message("{count} run folder{value}", len(strange), "s" if len(strange) > 1 else "")
@@ -192,17 +192,17 @@ def _strangers(registry: Registry, known: set[str]) -> Iterator[Finding]:
 
 
 def _stranger(registry: Registry, path: Path, *, own: bool) -> Iterator[Finding]:
-    """Yield the state of a folder that isn't in the registry; `own` if it belongs to it."""
+    """Yield the finding for an unregistered folder; `own` says whether this registry made it."""
     try:
         folder = RunFolder.open(path)
         lock = RunLock(path)
     except (RecordError, OSError):
         yield Finding("orphan", str(path), "", "isn't a run", "", "remove it")
         return
-    if not lock.held:  # it is being written
+    if not lock.held:  # a process is writing it
         return
     lock.release()
-    if registry.runs_beginning(path.name, limit=1):  # it was entered meanwhile
+    if registry.runs_beginning(path.name, limit=1):  # it was registered meanwhile
         return
     if folder.copy_of:
         run = UnfinishedRun(path.name, "", RunState.COPY, path)
@@ -221,16 +221,18 @@ def _stranger(registry: Registry, path: Path, *, own: bool) -> Iterator[Finding]
 
 
 def _without_folder(runs: Iterable[RunSummary]) -> Iterator[Finding]:
-    """Yield runs without an end whose folder is missing; those with an end are compared anyway."""
+    """Yield a finding for every run without a registered end whose folder is missing."""
     for run in runs:
         if run.finished is None and not run.folder.is_dir():
-            yield Finding("file", str(run.folder), "", "the folder of a run that was begun is gone")
+            yield Finding(
+                "file", str(run.folder), "", "the folder of a run that started is missing"
+            )
 
 
 def _noted(
     registry: Registry, log: Path, runs: Iterable[RunSummary]
 ) -> Iterator[tuple[AuditEnd, str]]:
-    """Yield the lines of the audit log that registry and run folders refer to."""
+    """Yield the audit log's ends that registry and run folders note, and where they note them."""
     for run in runs:
         if run.finished is not None and run.folder.is_relative_to(registry.root):
             end = audit_end(run.folder / AUDIT_FILE)

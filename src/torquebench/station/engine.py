@@ -1,4 +1,4 @@
-"""The run engine of an open bench: bench time, pauses between points, no leaked loop."""
+"""The run engine of an open bench, with bench time and pauses between points."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ Plan = Generator[Msg, Any, Any]
 Result = TypeVar("Result")
 
 ENGINE, PROCEDURE = "run engine", "procedure"
-"""Names of the heartbeats."""
+"""Names of the heartbeats of loop and plan."""
 LOOP_TIMEOUT_S = 2.0
-"""Longest time that the run engine's loop may not answer in real time, s."""
+"""For how long the run engine's loop may be unresponsive in real time, s."""
 INTERRUPT_POLL_S = 0.1
 """Interval at which the waiting caller checks for Ctrl-C and pauses, s of wall time."""
 
-for _name in ("bluesky", "ophyd_async"):  # a failed run is reported by its error, not on stderr
+for _name in ("bluesky", "ophyd_async"):  # a failed run raises its error and needs no log on stderr
     logging.getLogger(_name).addHandler(logging.NullHandler())
 
 
 class _Waiting(DuringTask):
-    """Blocks the caller of a run, but handles Ctrl-C and pauses."""
+    """Blocks the caller during a run, but handles Ctrl-C and pauses."""
 
     def __init__(self, engine: BenchEngine) -> None:
         super().__init__()
@@ -60,17 +60,17 @@ class _Waiting(DuringTask):
 
 
 class BenchEngine:
-    """A bluesky run engine on a separate event loop, in bench time.
+    """A Bluesky run engine on a separate event loop, in bench time.
 
-    A pause takes effect at the next checkpoint, below the plan: the torque goes to zero, the plan
-    waits and isn't replayed.
+    A pause takes effect at the plan's next checkpoint: the torque goes to zero and the plan waits
+    there. Unlike Bluesky's own pause, it doesn't repeat messages afterwards.
 
     Parameters
     ----------
     clock : BenchClock
     supervisor : SafetySupervisor
     procedure_s : float
-        How long a plan under watch may neither send anything nor wait for the bench, s.
+        For how long a monitored plan may neither send a message nor wait for the bench, s.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class BenchEngine:
         self.loop = clock.new_event_loop()
         self._engine = RunEngine(
             loop=self.loop,
-            context_managers=[],  # bluesky's own handler would replace ours
+            context_managers=[],  # Bluesky's handler of Ctrl-C would replace this one
             during_task=_Waiting(self),
             call_returns_result=True,
         )
@@ -109,22 +109,22 @@ class BenchEngine:
 
     @property
     def run_engine(self) -> RunEngine:
-        """The bluesky engine itself."""
+        """The Bluesky engine itself."""
         return self._engine
 
     @property
     def running(self) -> bool:
-        """Whether a plan is under way, held ones included."""
+        """Whether a plan is running or paused."""
         return str(self._engine.state) != "idle"
 
     @property
     def pausing(self) -> bool:
-        """Whether a pause was requested and not yet ended."""
+        """Whether a pause was requested or is in progress."""
         return self._pausing
 
     @property
     def held(self) -> bool:
-        """Whether the plan under way is held in a pause."""
+        """Whether the plan is paused."""
         return self._resumed is not None
 
     # -- running ----------------------------------------------------------------------------
@@ -132,17 +132,17 @@ class BenchEngine:
     def run(
         self, plan: Plan, on_document: Callable[[str, dict[str, Any]], None]
     ) -> RunEngineResult:
-        """Run a plan to its end; return how it ended.
+        """Run a plan to its end and return the engine's result.
 
         Raises
         ------
         Exception
-            The plan's error, without bluesky's wrapping.
+            The plan's error, not wrapped in Bluesky's.
         """
         self._pausing, self._reason, self.pauses = False, "", 0
         try:
             return self._engine(plan, on_document)
-        except RunEngineInterrupted:  # aborted, or paused by bluesky itself
+        except RunEngineInterrupted:  # aborted, or paused by Bluesky itself
             return self._interrupted()
         except FailedStatus as failed:
             raise _cause(failed) from failed
@@ -150,14 +150,14 @@ class BenchEngine:
             self._resumed = None
 
     def _interrupted(self) -> RunEngineResult:
-        """End a run that may be paused; return its abort error and the reason."""
+        """Abort a run that Bluesky paused, and return the result of an aborted run."""
         if str(self._engine.state) == "paused":
-            self.abort("bluesky's own pause: use Station.pause, which holds at points")
+            self.abort("Bluesky's own pause was used: use Station.pause, which pauses at points")
         return RunEngineResult((), None, "abort", True, self._reason, None)
 
     @property
     def on_own_thread(self) -> bool:
-        """Whether the caller runs on the engine's thread: in a plan, or called back by one."""
+        """Whether the caller runs on the engine's thread, in a plan or its callbacks."""
         return threading.current_thread() is self._engine._th
 
     def call(self, coroutine: Coroutine[Any, Any, Result]) -> Result:
@@ -167,36 +167,37 @@ class BenchEngine:
     # -- pause, resume, abort ---------------------------------------------------------------
 
     def pause(self) -> None:
-        """Hold the plan at its next checkpoint."""
+        """Pause the plan at its next checkpoint."""
         self._pausing = True
 
     def resume(self) -> None:
-        """Let a held plan go on."""
+        """Resume a paused plan."""
         self._pausing = False
         resumed, self._resumed = self._resumed, None
         if resumed is not None:
             self.loop.call_soon_threadsafe(resumed.set)
 
     def abort(self, reason: str = "") -> None:
-        """End the running plan with its clean-up.
+        """Abort the running plan, which then cleans up.
 
-        On the engine's own thread it ends as soon as the caller returns.
+        If called on the engine's thread, the plan ends after the caller has returned.
         """
         self._reason = reason
         if self.on_own_thread:
             self._aborting = self.loop.create_task(self._abort_soon(reason))
             return
-        if str(self._engine.state) == "paused":  # paused by bluesky itself: wake it up too
+        if str(self._engine.state) == "paused":  # paused by Bluesky itself: resume it, too
             with _quietly():
                 self._engine.abort(reason)
         elif not self.loop.is_closed():
             self.call(self._abort_soon(reason))
 
     async def _abort_soon(self, reason: str) -> None:
-        """Abort such that the cancellation isn't lost.
+        """Abort the plan even if `asyncio.wait_for` loses the cancellation.
 
-        bluesky cancels the awaited operation. `asyncio.wait_for`, behind every signal of ophyd,
-        loses that if the signal answers at the same moment, and the plan would continue.
+        Bluesky cancels the awaited operation. `asyncio.wait_for`, which every signal of ophyd uses,
+        loses the cancellation if the signal answers at the same moment, and the plan would
+        continue.
         """
         ends_already = str(self._engine.state) == "aborting"
         with _quietly():
@@ -216,10 +217,10 @@ class BenchEngine:
         set_bluesky_event_loop(None)
 
     def watch(self) -> None:
-        """Have the supervisor watch that the loop answers and that the plan continues.
+        """Let the supervisor monitor that the loop responds and the plan makes progress.
 
-        A plan isn't monitored while it waits for the bench, is paused, computes in another process,
-        or while the drives have no power.
+        A plan isn't monitored while it is paused, waits for the bench or for another process, or
+        while the drives have no power.
         """
 
         def beat() -> None:
@@ -234,7 +235,7 @@ class BenchEngine:
         self._supervisor.heartbeats.expect(PROCEDURE, self._procedure_s)
 
     def unwatch(self) -> None:
-        """End the monitoring begun by `watch`."""
+        """End the monitoring that `watch` began."""
         for name in (ENGINE, PROCEDURE):
             self._supervisor.heartbeats.release(name)
 
@@ -245,17 +246,17 @@ class BenchEngine:
     # -- commands that plans may use --------------------------------------------------------
 
     async def _sleep(self, message: Msg) -> None:
-        """Sleep in bench time."""
+        """Sleep for a duration in bench time."""
         self._supervisor.raise_if_latched()
         await self._clock.sleep(float(message.args[0]))
 
     async def _report(self, message: Msg) -> None:
-        """Report progress to the observer."""
+        """Report progress to the run's `Progress`."""
         done, _, detail = message.args
         self.progress.reach(done, detail)
 
     async def _tighten(self, message: Msg) -> tuple[int, ...]:
-        """Apply narrower limits."""
+        """Apply narrower limits until `_loosen`."""
         return self._supervisor.limits.tighten(*message.args)
 
     async def _loosen(self, message: Msg) -> None:
@@ -263,7 +264,7 @@ class BenchEngine:
         self._supervisor.limits.loosen(message.args[0])
 
     async def _checkpoint(self, message: Msg) -> bool:
-        """Hold at zero torque while a pause is requested; tell the plan whether it was held."""
+        """Wait at zero torque while a pause is requested; return whether the plan was paused."""
         await self._engine._checkpoint(message)
         if not self._pausing:
             return False
@@ -271,7 +272,7 @@ class BenchEngine:
         self.pauses += 1
         resumed = self._resumed = asyncio.Event()
         try:
-            if self._pausing:  # otherwise the request was withdrawn meanwhile
+            if self._pausing:  # the pause may have been cancelled meanwhile
                 await resumed.wait()
         finally:
             self._resumed = None
@@ -280,13 +281,13 @@ class BenchEngine:
 
 @contextlib.contextmanager
 def _quietly() -> Iterator[None]:
-    """Abort without bluesky's output, and without its error if the run has ended."""
+    """Suppress Bluesky's output, and its error if the run has ended already."""
     with contextlib.suppress(TransitionError), contextlib.redirect_stdout(io.StringIO()):
         yield
 
 
 def _cause(failed: BaseException) -> BaseException:
-    """Return the cause of a status's failure."""
+    """Return the original exception of a failed status."""
     found = failed
     while isinstance(found, FailedStatus) and found.__cause__ is not None:
         found = found.__cause__
@@ -294,7 +295,7 @@ def _cause(failed: BaseException) -> BaseException:
 
 
 async def _finish_tasks() -> None:
-    """Cancel and await the loop's remaining tasks."""
+    """Cancel the loop's remaining tasks and wait for their end."""
     tasks = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
     for task in tasks:
         task.cancel()

@@ -1,7 +1,7 @@
-"""Enter the data of a run's folder into the registry: begin, end and zeros.
+"""Enter a run into the registry from its folder: start, end and zeros.
 
-The folder is complete without the registry, so a registry that doesn't answer costs no run: its
-entries are made later from the folder.
+The folder alone contains everything, so no run is lost if the registry doesn't answer: the run is
+entered later.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from torquebench.records import Equipment, Registry, RunFolder, RunSummary, Zero
 __all__ = ["SPECIMEN", "enter_run"]
 
 SPECIMEN = "specimen"
-"""Key of a run's metadata: the tested reducer, as in the equipment."""
+"""Key of a run's metadata with the tested reducer's equipment data."""
 
 
 def enter_run(registry: Registry, folder: RunFolder) -> None:
-    """Enter the missing entries of a run into the registry, in one transaction.
+    """Add the missing entries of a run to the registry, in one transaction.
 
     Parameters
     ----------
     registry : Registry
     folder : RunFolder
-        Running or sealed.
+        Folder of a running or sealed run.
 
     Raises
     ------
     RecordError
-        The registry can't take it, the folder can't be read, or it is a copy of another one.
+        The registry fails, the folder can't be read, or it is a copy.
     """
     require_original(folder)
     with registry.writing():
@@ -51,17 +51,17 @@ def enter_run(registry: Registry, folder: RunFolder) -> None:
 
 
 def require_original(folder: RunFolder) -> None:
-    """Refuse a folder that was copied or renamed: a run is entered from its own folder only."""
+    """Raise an error if a folder was copied or renamed; only an original folder is entered."""
     if folder.copy_of:
         raise RecordError(
             Message("folder {name} holds run {run_id}", folder.path.name, folder.copy_of),
-            "a run's own folder",
-            "remove a copy, or give a renamed folder its name again",
+            "the original folder of a run",
+            "remove the copy, or give the renamed folder its original name",
         )
 
 
 def _summary(folder: RunFolder) -> RunSummary:
-    """Return a run's line in the list of runs, from its begin."""
+    """Return the entry of a run's start."""
     known = folder.metadata
     return RunSummary(
         run_id=folder.run_id,
@@ -79,7 +79,7 @@ def _summary(folder: RunFolder) -> RunSummary:
 
 
 def _measured_elsewhere(folder: RunFolder) -> datetime | None:
-    """Return when an external table was measured; None for a run of a bench."""
+    """Return when the points of an external calibration were measured; None for a bench's run."""
     if "table" not in folder.metadata:
         return None
     start = next(document for _, document in folder.documents("start"))
@@ -87,9 +87,9 @@ def _measured_elsewhere(folder: RunFolder) -> datetime | None:
 
 
 def _zeroings(folder: RunFolder) -> Iterator[Zeroing]:
-    """Yield the zeros measured by a sealed run, for the control charts of its transducers.
+    """Yield the zeros that a sealed run measured, for the transducers' control charts.
 
-    The last value of a failed run is left out: the cause may have begun before it.
+    The last zero of a failed run is left out, because the fault may have affected it.
     """
     names = {f"zero_{side}": side for side in SIDES}
     streams: dict[str, Any] = {}

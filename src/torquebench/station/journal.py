@@ -1,4 +1,4 @@
-"""Keeps every acquired block in the raw stream of a run's folder."""
+"""Write every acquired block to the raw stream of a run's folder."""
 
 from __future__ import annotations
 
@@ -21,30 +21,31 @@ from torquebench.signals import Record
 __all__ = ["NOT_IN_USE", "NO_COUNTS", "WAITING_BLOCKS", "QueuedJournal", "RunJournal"]
 
 NOT_IN_USE = 255
-"""Fault code of a channel that isn't timed."""
+"""Fault code of a channel that isn't measured."""
 NO_COUNTS = int(np.iinfo(np.int64).min)
-"""Counts of a silent encoder."""
+"""Counts of an encoder without samples."""
 
 
 class RunJournal:
-    """Writes one row a counter window, and every edge where the bench is described so.
+    """Writes one row per counter window, and every edge if the bench is configured so.
 
-    A row holds the time; of each channel its signal, torque and fault; of each side angle, mean
-    speed over the block, compensated torque and its standard uncertainty; the probes. Signals
-    are as measured; torque is computed with the zero in use, a standard's also with its
-    certificate. There is NaN where `fault` isn't 0 and if nothing is compensated. A channel that
-    isn't in use has the code `NOT_IN_USE`; an encoder without samples has `NO_COUNTS` and a probe
-    that doesn't answer NaN, so that the loss of one signal doesn't end the recording of all others.
+    A row contains the time; for each channel its signal, torque and fault; for each side angle,
+    mean speed over the block, compensated torque and its standard uncertainty; and the probes'
+    temperatures. Signals are as measured; torque is corrected for the present zero, and for a
+    standard also by its certificate. Values are NaN where `fault` isn't 0, and compensated torque
+    without a compensation. A channel that isn't in use has the code `NOT_IN_USE`, an encoder
+    without samples `NO_COUNTS` and a probe that doesn't answer NaN, so that the loss of one signal
+    doesn't end the recording of the others.
 
     Parameters
     ----------
     writer : RunWriter
     probes : sequence of str
-        Temperature probes of the bench, as described.
+        Temperature probes in the bench description.
     signals : mapping of channel to str
-        Column of the signal of each channel; a frequency where it isn't given.
+        Column of each channel's signal; by default its frequency.
     edges : bool
-        Whether to keep the edges.
+        Whether to write the edges.
     """
 
     def __init__(
@@ -61,7 +62,7 @@ class RunJournal:
         self._edges = edges
 
     def write(self, block: Block) -> None:
-        """Keep a block; raises `RecordError` when it can't."""
+        """Write a block; raises `RecordError` if that fails."""
         if self._edges:
             self._writer.edges(block.edges)
         axis = torque_channel("input")
@@ -69,7 +70,7 @@ class RunJournal:
         if first is None or not len(first):
             return
         time_s, conditions = first.time_s, block.records[CONDITIONS]
-        # conditions are those at the end of the block of each window
+        # speed and temperature are those at the end of the window's block
         row = conditions.time_s.searchsorted(time_s).clip(max=len(conditions) - 1)
         columns: dict[str, NDArray[np.generic]] = {"time_s": time_s}
         for name in CHANNELS:
@@ -100,7 +101,7 @@ def _counts(time_s: NDArray[np.float64], angle: Record | None) -> NDArray[np.int
 def _compensated(
     time_s: NDArray[np.float64], own: Record | None, compensated: Torque | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compensated torque and its standard uncertainty at the windows of another channel."""
+    """Return compensated torque and its standard uncertainty at the windows of another channel."""
     torque = np.full(time_s.shape, np.nan)
     uncertainty = np.full(time_s.shape, np.nan)
     if own is not None and compensated is not None:
@@ -113,7 +114,7 @@ def _compensated(
 def _on_axis(
     time_s: NDArray[np.float64], record: Record | None, column: str
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
-    """Signal, torque and fault of a channel at the windows of another one."""
+    """Return signal, torque and fault of a channel at the windows of another channel."""
     if record is not None and column in record and np.array_equal(record.time_s, time_s):
         return record[column], record["reading_nm"], record["fault"]
     signal = np.full(time_s.shape, np.nan)
@@ -131,28 +132,28 @@ def _on_axis(
 def _places(
     axis_s: NDArray[np.float64], time_s: NDArray[np.float64]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the positions of times on an axis."""
+    """Return the positions of equal times on an axis and in an array."""
     place = np.searchsorted(axis_s, time_s - 1e-6).clip(max=axis_s.size - 1)
     here = np.flatnonzero(np.abs(axis_s[place] - time_s) < 1e-6)
     return place[here], here
 
 
 WAITING_BLOCKS = 200
-"""Most blocks that wait for the disk: ten seconds of the usual 50 ms."""
+"""Largest number of blocks that wait for the disk: ten seconds with the usual 50 ms."""
 POLL_INTERVAL_S = 0.05
 
 
 class QueuedJournal:
-    """Passes blocks to a journal on a separate thread, in order, without dropping any.
+    """Passes all blocks to a journal in order, on a separate thread.
 
-    If the queue is full the writer waits: acquisition stops, which the supervisor treats as a stall
-    if it lasts. If the journal fails, the next call raises its error.
+    If the queue is full, the writer waits, and acquisition stops, which the supervisor treats as a
+    stall after a while. If the journal fails, the next call raises its error.
 
     Parameters
     ----------
     journal : JournalSink
     maximum : int
-        Blocks that may wait.
+        Largest number of waiting blocks.
     """
 
     def __init__(self, journal: JournalSink, maximum: int = WAITING_BLOCKS) -> None:
@@ -163,17 +164,17 @@ class QueuedJournal:
         self._thread.start()
 
     def write(self, block: Block) -> None:
-        """Keep blocks.
+        """Queue a block to be written.
 
         Raises
         ------
         RecordError
-            The journal couldn't keep these blocks or earlier ones.
+            The journal couldn't write earlier blocks.
         """
         self._put(block)
 
     def close(self) -> None:
-        """Wait until every block is kept, and end the thread; raises like `write`."""
+        """Wait until every block is written, and end the thread; raises like `write`."""
         if self._thread.is_alive():
             self._put(None)
             self._thread.join()
@@ -190,10 +191,10 @@ class QueuedJournal:
 
     def _raise_failure(self) -> None:
         if isinstance(self._failure, RecordError):
-            raise self._failure  # the error already states a remedy
+            raise self._failure  # this error already states a remedy
         if self._failure is not None:
             raise RecordError(
-                Message("blocks since the failure aren't kept: {failure}", self._failure),
+                Message("blocks since the failure weren't recorded: {failure}", self._failure),
                 "every block kept",
                 "make room on the disk or repair it, then repeat the run",
             ) from self._failure
@@ -202,6 +203,6 @@ class QueuedJournal:
         while (block := self._waiting.get()) is not None:
             try:
                 self._journal.write(block)
-            except Exception as error:  # a full disk or a bug: either way nothing is recorded
+            except Exception as error:  # a full disk or a bug: nothing more is recorded
                 self._failure = error
                 return

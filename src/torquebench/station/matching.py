@@ -1,7 +1,7 @@
-"""The model that compensates a side: it must match the transducer and the counter.
+"""Choose the model that compensates a side: it must match transducer and counter.
 
-A timebase's error is part of the calibration, so a model of another counter is refused unless that
-counter is accepted by name, with a larger uncertainty.
+The error of the counter's timebase is part of the calibration, so a model made with another counter
+is refused unless that counter is accepted explicitly, with a larger uncertainty.
 """
 
 from __future__ import annotations
@@ -30,26 +30,26 @@ def compensation_for(
     accepted: Timebase | None = None,
     fitted: CompensationModel | None = None,
 ) -> ActiveChain:
-    """Return the compensation by the registry's active model of a transducer and a counter.
+    """Return the compensation by the registry's active model for a side's transducer and counter.
 
-    Where nothing is recorded of an influence, the bench's limit of it enters U.
+    For an influence that wasn't recorded, the limit in the bench description enters U.
 
     Parameters
     ----------
     registry : Registry
     description : BenchDescription
     counter : str
-        Counter and clock that measure.
+        Identity of the counter that measures.
     side : {"input", "output"}
     accepted : Timebase, optional
-        Where there is no model of the counter that measures, one of that counter is used.
+        Another counter whose model is accepted if there is none of the measuring counter.
     fitted : CompensationModel, optional
-        It is used if it is the active one: its table is compiled already.
+        A model whose table is already compiled; used if it is the active one.
 
     Raises
     ------
     ModelMismatchError
-        There is none for exactly this transducer serial and this counter.
+        There is no active model for this transducer serial and this counter.
     RecordError
         The model's file is missing or was changed.
     """
@@ -73,7 +73,7 @@ def compensation_for(
                 transducer.serial,
                 counter,
             ),
-            "a model that was made with both",
+            "a model made with both",
             Message("calibrate the {side} module or activate one of its models", side),
         )
     stored = load_model(entry.check_file())
@@ -83,7 +83,7 @@ def compensation_for(
     if accepted is not None and transducer.signal != "frequency":
         raise ModelMismatchError(
             Message("a model made with {counter}", counter),
-            Message("one that was made with {own}: an amplifier is a part of the chain", own),
+            Message("one made with {own}, because the amplifier is part of the chain", own),
             Message("calibrate the {side} module with this amplifier", side),
         )
     zero_nm = transducer.zero_hz / transducer.nominal_sensitivity_hz_per_nm

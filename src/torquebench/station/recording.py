@@ -1,4 +1,4 @@
-"""Recording of one run: its folder, blocks and documents, and its part of the audit log."""
+"""Record one run: folder, blocks, documents, and its part of the audit log."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from torquebench.station.registry_queue import RegistryQueue
 __all__ = ["LONGEST_BEFORE_S", "ExitStatus", "Recording", "RunEnd", "RunRecord"]
 
 LONGEST_BEFORE_S = 60.0
-"""Longest time before a run for which acquired data are kept, s."""
+"""Longest time before a run whose data can be recorded with it, s."""
 
 ExitStatus = Literal["success", "abort", "fail"]
 RunEnd = Literal["completed", "aborted", "failed"]
@@ -42,13 +42,13 @@ class RunRecord:
     folder : pathlib.Path
         The sealed run folder.
     exit_status : {"success", "abort"}
-        A failed run raises instead.
+        How the run ended; a failed run raises an error instead.
     result : object
-        Return value of the plan; None unless it succeeded.
+        Return value of the plan; None if it was aborted.
     reason : str
-        Why it was aborted.
+        Why the run was aborted.
     bench_seconds : float
-        Bench time that it took, s.
+        Duration of the run in bench time, s.
     interruptions : int
         Number of pauses.
     alarms : tuple of Alarm
@@ -70,15 +70,15 @@ class RunRecord:
 
 
 class Recording:
-    """Keeps everything of one run from its first block to its seal.
+    """Records one run from its first block until its folder is sealed.
 
     Parameters
     ----------
     context : BenchContext
     registry : Registry
-        Whose end is noted in the folder; only the queue talks to it.
+        Registry whose chain end is noted in the folder; only the queue writes to it.
     queue : RegistryQueue
-        Takes the run into the registry, now and when it has ended.
+        Enters the run into the registry at its start and end.
     audit : AuditLog
     runs : pathlib.Path
         Folder of all runs.
@@ -86,7 +86,7 @@ class Recording:
     metadata : mapping
         Metadata of the run in addition to the bench's.
     before_s : float
-        Time before the start whose data are recorded too, as far as available, s.
+        Time before the start whose data are recorded, too, if available, s.
     """
 
     def __init__(
@@ -104,9 +104,9 @@ class Recording:
         self._context = context
         self._queue = queue
         self._audit = audit
-        head = str(registry.known_head)  # links the folder to all records before it
+        head = str(registry.known_head)  # links the folder to all earlier records
         signature, operator = present_signature(), str(metadata.get("operator", ""))
-        if operator != signature.who:  # not the user who is logged in, but a typed name
+        if operator != signature.who:  # a typed name, not the user who is logged in
             Accounts.of(registry.root).refuse_typed(operator, signature)
         self.known: dict[str, Any] = {
             **run_metadata(context),
@@ -132,13 +132,13 @@ class Recording:
         }
         edges = described.recording.edges
         journal = RunJournal(self.writer, described.temperatures, signals, edges=edges)
-        # Fast simulated time waits for the disk; real time doesn't.
-        past = ceil(before_s / described.counter.block_s)  # acquisition doesn't wait for it
+        # In fast simulated time acquisition waits for the disk, in real time it doesn't.
+        past = ceil(before_s / described.counter.block_s)  # acquisition doesn't wait for the disk
         self._queued = None if context.clock.fast else QueuedJournal(journal, WAITING_BLOCKS + past)
         context.acquisition.set_journal(self._queued or journal, before_s=before_s)
 
     def document(self, name: str, document: dict[str, Any]) -> None:
-        """Keep a document; one that can't be kept stops the bench."""
+        """Write a document; stop the bench if that fails."""
         try:
             self.writer.document(name, document)
         except Exception as error:
@@ -152,13 +152,13 @@ class Recording:
             raise
 
     def end(self, status: RunEnd, reason: str) -> None:
-        """End the recording, seal the folder and have it entered into the registry.
+        """End the recording, seal the folder and queue it for the registry.
 
         Raises
         ------
         RecordError
-            Something couldn't be kept; the folder is sealed as failed. A failing registry doesn't
-            prevent the run: it is entered later.
+            Data couldn't be written; the folder is then sealed as failed. If the registry fails, no
+            error is raised: the run is entered later.
         """
         self._context.acquisition.set_journal(None)
         try:
@@ -179,20 +179,20 @@ class Recording:
             self._hold.release()
 
     def _seal(self, status: RunEnd, reason: str) -> None:
-        """Seal the folder; if that fails, it is sealed at the next start."""
+        """Seal the folder; if that fails, the next start of torquebench seals it."""
         try:
             self.writer.seal(status, reason)
         except (OSError, InputError) as error:
             what = getattr(error, "strerror", None) or error
             raise RecordError(
                 Message("{run} can't be sealed ({error})", self.writer.path, what),
-                "room and a working disk",
-                "make room on the disk; everything measured is kept, and is sealed at the next "
-                "start",
+                "space on a working disk",
+                "make room on the disk; all measured data are kept, and are sealed at "
+                "the next start",
             ) from error
 
     def _flush(self) -> RecordError | None:
-        """Wait until every block is written; trip and return the error on failure."""
+        """Wait until every block is written; if that fails, stop the bench and return the error."""
         queued, self._queued = self._queued, None
         try:
             if queued is not None:
@@ -205,7 +205,7 @@ class Recording:
         return None
 
     def end_failed(self, end: Callable[[RunEnd, str], None], error: BaseException) -> None:
-        """End a failed run; a folder that can't even be sealed doesn't hide why it failed."""
+        """End a failed run; if its folder can't be sealed, add that as a note to the error."""
         try:
             end("failed", Message.of(error) or "the program was interrupted")
         except (RecordError, OSError) as unsealed:

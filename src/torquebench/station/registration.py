@@ -1,4 +1,4 @@
-"""Registration of a bench: its equipment, and data known before a run."""
+"""Register a bench's equipment, and collect its metadata for runs."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ __all__ = ["register_equipment", "run_metadata"]
 
 
 def register_equipment(registry: Registry, description: BenchDescription) -> None:
-    """Enter the bench, its parts and the certificates of its standards, as far as they are new."""
+    """Register the bench, its parts and its standards' certificates unless they are registered."""
     bench: tuple[EquipmentKind, str] = ("bench", description.name)
-    # One transaction: a bench is registered completely or not at all.
+    # One transaction, so that a bench is registered completely or not at all.
     with registry.writing():
         registry.add_equipment(Equipment(*bench))
         for role, part in _parts(description).items():
@@ -83,7 +83,7 @@ def _reports(description: BenchDescription) -> Iterator[Report]:
     for kind, standard in _standards(description):
         try:
             performed = date.fromisoformat(standard.certificate_date)
-        except ValueError:  # "unknown", or a date in words
+        except ValueError:  # "unknown", or a date in another form
             performed = None
         yield Report(
             kind,
@@ -119,7 +119,7 @@ def run_metadata(context: BenchContext) -> dict[str, Any]:
 
 
 def _departures(active: ActiveChain) -> dict[str, Any]:
-    """State another counter of the model, and corrections that are switched off."""
+    """Return departures from normal compensation: an accepted counter, corrections switched off."""
     found: dict[str, Any] = {}
     if active.accepted is not None:
         found["accepted_counter"] = active.accepted.specification()

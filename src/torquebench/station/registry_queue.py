@@ -1,4 +1,4 @@
-"""Queue of runs for the registry, so that no measurement waits for a database."""
+"""Enter runs into the registry from a queue, so that no measurement waits for a database."""
 
 from __future__ import annotations
 
@@ -15,23 +15,22 @@ __all__ = ["RegistryQueue"]
 
 RETRY_S = 0.5
 SETTLE_S = 5.0
-"""Longest wait of a run's end for a slow registry, s."""
+"""Longest time that the end of a run waits for a slow registry, s."""
 CLOSE_S = 2.0
 
 
 class RegistryQueue:
-    """Enters runs on a separate thread, with retries until the registry accepts them.
+    """Enters runs into the registry on a separate thread, and retries until that succeeds.
 
-    Waiting entries are in the runs' folders, so they aren't lost if the process ends first: the
-    next start enters them.
+    If the process ends before, the next start enters the runs from their folders.
 
     Parameters
     ----------
     registry : Registry
     on_trouble : callable
-        Called with the error and the number of waiting runs, when the registry begins to fail.
+        Called with the error and the number of waiting runs when the registry begins to fail.
     on_caught_up : callable
-        Called when it has taken everything after that.
+        Called when all waiting runs were entered after a failure.
     """
 
     def __init__(
@@ -54,7 +53,7 @@ class RegistryQueue:
 
     @property
     def waiting(self) -> int:
-        """Number of runs that aren't completely entered yet."""
+        """Number of runs with entries still missing in the registry."""
         with self._changed:
             return len({*self._waiting, *([self._entering] if self._entering else [])})
 
@@ -65,12 +64,12 @@ class RegistryQueue:
             self._changed.notify_all()
 
     def settle(self) -> bool:
-        """Wait until everything is entered; not for a registry that fails.
+        """Wait until all runs are entered, but not for a failing registry.
 
         Returns
         -------
         bool
-            Whether everything is entered.
+            Whether all runs are entered.
         """
         with self._changed:
             self._changed.wait_for(
@@ -79,7 +78,7 @@ class RegistryQueue:
             return not self.waiting
 
     def close(self) -> None:
-        """Try the waiting entries once more, and end the thread. A second call does nothing."""
+        """Try to enter the waiting runs once more, and end the thread."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
@@ -100,16 +99,16 @@ class RegistryQueue:
                 self._pause()
 
     def _pause(self) -> None:
-        """Pause before the next attempt, unless the bench is closed meanwhile."""
+        """Wait before the next attempt, unless the bench is being closed."""
         deadline = time.monotonic() + RETRY_S
         with self._changed:
             while not self._closing and (left_s := deadline - time.monotonic()) > 0.0:
                 self._changed.wait(left_s)
 
     def _entered(self, folder: Path) -> bool:
-        """Try to enter one run."""
+        """Try to enter one run; return whether that succeeded."""
         with self._changed:
-            del self._waiting[folder]  # if it ends meanwhile it is entered again
+            del self._waiting[folder]  # if the run ends meanwhile, it is queued again
             self._entering = folder
         failure: Exception | None = None
         try:

@@ -1,4 +1,4 @@
-"""Unfinished runs of a kill, a full disk or a database: sealed and entered at the start."""
+"""Seal and register runs that a kill, a full disk or a failing registry left unfinished."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class RecoveredRun:
-    """A recovered open or unregistered run, and the action taken.
+    """Result of recovering a run that wasn't sealed or registered.
 
     Parameters
     ----------
     run_id, kind, side : str
     points : int
-        Acknowledged points that were kept.
+        Number of acknowledged points.
     torn_bytes : int
-        Bytes of incomplete ends that were left out.
+        Bytes of incomplete ends that were removed.
     damaged : str
-        Further omitted parts because of damage, with their place.
+        Damaged parts that were removed.
     status : str
-        Its end: "interrupted", or the status in its sealed folder.
+        "interrupted", or the status in the sealed folder.
     problem : str
-        Why it could not be sealed or entered yet; empty when it was.
+        Why the run couldn't be sealed or registered; empty after success.
     """
 
     run_id: str
@@ -53,20 +53,21 @@ class RecoveredRun:
 
     @property
     def advice(self) -> str:
-        """Remedy; empty for `unfinished_runs`, which have their own."""
+        """What to do next; empty for runs that `unfinished_runs` lists with their remedies."""
         if self.problem:
             return Message(
-                "it can't be entered yet ({problem}); make room or repair the disk", self.problem
+                "it can't be registered yet ({problem}); make room on the disk or repair it",
+                self.problem,
             )
-        return "start again; what was recorded stays"
+        return "start the run again; recorded data are kept"
 
 
 def recover_unfinished(registry: Registry) -> tuple[RecoveredRun, ...]:
-    """Seal unsealed runs, and enter missing entries of this bench's runs into the registry.
+    """Seal unsealed runs, and add missing entries of this data directory's runs to the registry.
 
-    Complete documents and samples are kept, incomplete ends are cut off and counted. A run that
+    Complete documents and samples are kept; incomplete ends are removed and counted. A run that
     another process has locked is skipped. The caller must hold the data directory's lock
-    (`BenchLock`): a run that is just beginning isn't locked yet.
+    (`BenchLock`), because a run that is just starting isn't locked yet.
     """
     found = [
         _recovered(registry, run)

@@ -105,5 +105,5 @@ def test_what_lies_beyond_the_papers_has_figures_of_the_benchmarks_and_ends_the_
     assert figures - measured - {"3"} == set()
     page = (DOCS / "explanation" / "papers-item-by-item.md").read_text(encoding="utf-8")
     last = page.rpartition("\n## ")[2]
-    assert last.startswith("What the papers could not do\n")
+    assert last.startswith("Beyond the papers\n")
     assert all(f"| {subject} | {here} | {where} |" in last for subject, here, where in BEYOND)

@@ -58,7 +58,7 @@ def test_a_failure_reaches_whoever_writes_next_even_while_waiting() -> None:
         for index in range(1000):
             journal.write(block(index))
 
-    with pytest.raises(RecordError, match=r"aren't kept.*No space left") as raised:
+    with pytest.raises(RecordError, match=r"weren't recorded.*No space left") as raised:
         write_on()
     assert isinstance(raised.value.__cause__, OSError)
     with pytest.raises(RecordError, match="No space left"):

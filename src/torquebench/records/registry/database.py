@@ -155,7 +155,7 @@ class Database:
             raise _kind_of(error)(
                 Message("the registry {name} can't be opened: {error}", self.name, _cause(error)),
                 "a database that can be read and written",
-                "free space on its disk, or check whether it runs and can be written",
+                "make room on its disk, or check whether it runs and can be written",
             ) from error
         except RecordError:
             self.close()
@@ -666,7 +666,7 @@ def _remedy(error: SQLAlchemyError | ConnectionError) -> str:
             "check whether the server runs, and check user and password in the URL; its "
             "data are kept"
         )
-    return "free space on its disk, or check whether it runs; its data are unchanged"
+    return "make room on its disk, or check whether it runs; its data are unchanged"
 
 
 def _cause(error: SQLAlchemyError | ConnectionError) -> str:

@@ -266,7 +266,7 @@ class JobRunner:
             raise BusyError(
                 Message("{title} is under way", self._current.view().title),
                 "one job at a time",
-                "wait or abort it",
+                "wait for it, or abort it",
             )
 
     # -- working ----------------------------------------------------------------------------
