@@ -1,5 +1,6 @@
 """A complete run in a small variant, as a user starts it."""
 
+import re
 from pathlib import Path
 
 from tests.system.command_line import run, widest_line
@@ -14,24 +15,21 @@ def test_a_quick_demo(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     assert "\x1b" not in result.stdout + result.stderr
     assert widest_line(result.stdout) <= 80
-    assert result.stdout.count("- simulated") == 3
-    for text in (
-        "Input module, 50 N·m",
-        "Output module, 2000 N·m",
-        "raw reading",
-        "network, Bayesian",
-        "network, gradient descent",
-        "polynomial, degree 2",
-        "against the standard",
-        "against the true torque",
-        "dense noise-free sweep",
-        "repeatability over the groups",
-        "No-load friction",
-        "% rdg",
-    ):
-        assert text in result.stdout, text
+    said = result.stdout.splitlines()
+    sentence = r"{} module: [0-9.]+ → [0-9.]+ % FS, verified on 16 fresh points \(simulated\)"
+    assert re.fullmatch(sentence.format("input"), said[0])
+    assert re.fullmatch(sentence.format("output"), said[1])
+    assert said[2].startswith("reducer: no-load friction ")
+    assert said[3:] == ["Report: x.html"]
     report = (tmp_path / "x.html").read_text()
     assert report.count("<svg") >= 7
+    shown = re.sub(r"<details>.*?</details>", "", report, flags=re.DOTALL)
+    assert shown.count("<table") == shown.count("<svg") == 3  # modules and friction
+    sentences = [line.removesuffix(" (simulated)")[1:] for line in said[:3]]
+    assert [re.sub("^.", "", each) for each in re.findall("<h2>(.*?)</h2>", shown)] == sentences
+    assert shown.index("</h2>") < shown.index("<svg") < shown.index("<table")
+    for text in ("averaged over the groups", "Repeatability over the groups", "dense sweep"):
+        assert text in report.replace("Averaged", "averaged"), text
     assert "imulated" in report
 
     listed = run("records", "list", "--data", "data", cwd=tmp_path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import webbrowser
 from collections.abc import Callable
 from dataclasses import replace
 from enum import StrEnum
@@ -20,7 +21,7 @@ from torquebench.cli.options import (
     bench_description,
 )
 from torquebench.cli.simulate import described, simulators_running
-from torquebench.cli.terminal.console import answer, note, out, say, say_file
+from torquebench.cli.terminal.console import answer, note, say, say_file
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -61,6 +62,7 @@ def demo(
     bench: BenchOption = None,
     data: DataOption = DEFAULT_DATA,
     real_time: RealTimeOption = False,
+    show: Annotated[bool, typer.Option("--open", help="Show the report in the browser.")] = False,
 ) -> None:
     """Zero, calibrate, compensate and verify both modules and test a reducer, simulated.
 
@@ -80,7 +82,8 @@ def demo(
     _write_report(report, page)
     _print(result)
     say_file("Report", report)
-    say(f"Records: torquebench records list --data {data}")
+    if show and not webbrowser.open(report.resolve().as_uri()):
+        note("no browser was found: open the report yourself")
 
 
 def _description(
@@ -160,21 +163,14 @@ def _write_report(path: Path, page: Page) -> None:
 
 
 def _print(result: DemoResult) -> None:
-    from torquebench.cli.tables import friction_blocks, module_blocks
+    from torquebench.reports.demo_report import friction_range
+    from torquebench.reports.module_report import conclusion
 
-    console = out()
+    simulated = " (simulated)" if result.simulated else ""
     for module in result.modules:
-        console.print()
-        for part in module_blocks(module):
-            console.print(part)
+        say(f"{conclusion(module)}{simulated}")
     if result.friction is not None:
-        console.print()
-        for part in friction_blocks(result.friction, simulated=result.simulated):
-            console.print(part)
-    console.print()
-    console.print(
-        f"{result.bench_seconds:.0f} s of simulated bench time in {result.elapsed_seconds:.0f} s."
-    )
+        say(f"{friction_range(result.friction)}{simulated}")
     modules = [
         DEMO_MODULE.of(each, models=[found.verification for found in (each.raw, *each.models)])
         for each in result.modules

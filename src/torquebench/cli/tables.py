@@ -10,25 +10,18 @@ from rich.table import Table
 from rich.text import Text
 
 from torquebench.cli.terminal.console import narrow_table, out, say
-from torquebench.reports.errors_table import module_errors, number
+from torquebench.reports.errors_table import number
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from torquebench.calibration import CalibrationData, ErrorSummary, VerificationResult
-    from torquebench.campaign.results import CompensationResult, ModuleResult
     from torquebench.chain import Effect, Torque
     from torquebench.compensation import Comparison
-    from torquebench.procedures import FrictionSweep
 
 __all__ = [
     "cells_table",
     "comparison_table",
     "effects_table",
     "error_blocks",
-    "friction_blocks",
-    "module_blocks",
     "print_kept",
     "print_verification",
 ]
@@ -88,47 +81,6 @@ def error_blocks(
             style = "bold green" if chosen else ""
             label = f"{'*' if chosen else ' '} {name.removeprefix('*')}"
             body.add_row(label, *_numbers(summary), style=style)
-        yield body
-
-
-def _label(result: CompensationResult) -> str:
-    return ("*" if result.recommended else "") + result.title
-
-
-def module_blocks(module: ModuleResult) -> Iterable[RenderableType]:
-    """Yield the closing table of one module: every model, against every reference."""
-    simulated = " - simulated" if module.calibration.simulated else ""
-    title = (
-        f"{module.side.capitalize()} module, {module.range_nm:g} N·m, "
-        f"transducer {module.transducer_serial}{simulated}"
-    )
-    yield Text(title, style="bold")
-    yield from error_blocks(
-        (words, [(_label(result), errors) for result, errors in rows])
-        for words, rows in module_errors(module)
-    )
-    yield from _repeatability(module)
-
-
-def _repeatability(module: ModuleResult) -> Iterable[RenderableType]:
-    rows = []
-    for result in (module.raw, *module.models):
-        found = result.verification.repeatability
-        if found is not None:
-            rows.append((_label(result), found))
-    if rows:
-        yield Text("repeatability over the groups (worst place, pooled)", style="italic")
-        body = _grid()
-        for name, found in rows:
-            chosen = name.startswith("*")
-            body.add_row(
-                f"{'*' if chosen else ' '} {name.removeprefix('*')}",
-                _narrow(found.worst_nm),
-                _narrow(found.pooled_nm),
-                _narrow(found.worst_percent_fs),
-                _narrow(found.pooled_percent_fs),
-                style="bold green" if chosen else "",
-            )
         yield body
 
 
@@ -200,36 +152,6 @@ def comparison_table(comparison: Comparison, taken: str) -> Table:
             style="bold green" if chosen else "",
         )
     return table
-
-
-def friction_blocks(sweep: FrictionSweep, *, simulated: bool) -> Iterable[RenderableType]:
-    """Yield the no-load friction of a sweep: mean over repeats and branches at each speed."""
-    import numpy as np
-
-    words = "compensated" if sweep.compensated else "not compensated"
-    marked = " - simulated" if simulated else ""
-    repeats = np.unique(sweep.repeat).size
-    count = "one sweep" if repeats == 1 else f"{repeats} repeats"
-    yield Text(f"No-load friction at the input, {count}, {words}{marked}", style="bold")
-    table = narrow_table(
-        columns=(">rpm", ">clockwise mN·m", ">spread", ">counter-cw. mN·m", ">spread")
-    )
-    nominal = np.abs(sweep.nominal_rpm)
-    for speed in np.unique(nominal):
-        cells = [f"{speed:g}"]
-        for sign in (1, -1):
-            torque = sweep.torque_nm[(nominal == speed) & (np.sign(sweep.nominal_rpm) == sign)]
-            cells += _mean_and_spread(1e3 * torque) if torque.size else ["-", "-"]
-        table.add_row(*cells)
-    yield table
-
-
-def _mean_and_spread(values: NDArray[np.float64]) -> list[str]:
-    """Return the mean and half the range over repeats and branches; no range of a single value."""
-    if values.size < 2:
-        return [f"{float(values.mean()):.1f}", "-"]
-    half_range = 0.5 * float(values.max() - values.min())
-    return [f"{float(values.mean()):.1f}", f"±{half_range:.1f}"]
 
 
 def effects_table(effects: Sequence[Effect], range_nm: float) -> RenderableType:

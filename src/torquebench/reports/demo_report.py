@@ -13,7 +13,7 @@ from torquebench.reports.errors_table import number
 from torquebench.reports.module_report import module_sections
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 
-__all__ = ["demo_page"]
+__all__ = ["demo_page", "friction_range"]
 
 
 def demo_page(result: DemoResult, drawn: Iterable[Sequence[Section]] = ()) -> Page:
@@ -31,11 +31,12 @@ def demo_page(result: DemoResult, drawn: Iterable[Sequence[Section]] = ()) -> Pa
     Page
         Ready for `torquebench.reports.page.write_page`.
     """
-    sections = [_summary(result)]
-    for each in drawn or map(module_sections, result.modules):
-        sections += each
+    parts = list(drawn or map(module_sections, result.modules))
+    sections = [section for part in parts for section in part if not section.detail]
     if result.friction is not None:
         sections.append(_friction_section(result.friction, result.friction_run_id))
+    sections += [section for part in parts for section in part if section.detail]
+    sections.append(_run(result))
     return Page(
         title="Torque bench: calibration, compensation, verification",
         subtitle=f"{result.bench_name} · {result.started:%Y-%m-%d %H:%M} UTC",
@@ -44,24 +45,7 @@ def demo_page(result: DemoResult, drawn: Iterable[Sequence[Section]] = ()) -> Pa
     )
 
 
-def _summary(result: DemoResult) -> Section:
-    rows = []
-    for module in result.modules:
-        for compensation in (module.raw, module.recommended):
-            found = compensation.verification
-            errors = found.against_standard if found.against_truth is None else found.against_truth
-            rows.append(
-                (
-                    f"{module.side}, ±{module.range_nm:g} N·m: {compensation.title}",
-                    number(errors.worst_nm),
-                    number(errors.worst_percent_fs),
-                    number(errors.rms_percent_fs),
-                    "–"
-                    if compensation.dense is None
-                    else number(compensation.dense.worst_percent_fs),
-                )
-            )
-    reference = "the true torque" if result.simulated else "the standard"
+def _run(result: DemoResult) -> Section:
     facts = Facts(
         (
             ("Bench", f"{result.bench_name}, preset {result.preset}, seed {result.seed}"),
@@ -72,19 +56,16 @@ def _summary(result: DemoResult) -> Section:
             ("Software", f"torquebench {result.software_version}"),
         )
     )
-    table = Table(
-        (
-            "module and compensation",
-            "worst reading, N·m",
-            "worst reading, % FS",
-            "RMS, % FS",
-            "model alone, worst, % FS",
-        ),
-        rows,
-        f"Single verification readings against {reference}, and the model alone along a dense "
-        "sweep without noise.",
+    return Section("This run", "", (facts,), detail=True)
+
+
+def friction_range(friction: FrictionSweep) -> str:
+    """Return the measured no-load friction in one sentence."""
+    torque, speed = 1e3 * np.abs(friction.torque_nm), np.abs(friction.nominal_rpm)
+    return (
+        f"reducer: no-load friction {number(float(torque.min()))} to {number(float(torque.max()))} "
+        f"mN·m, {speed.min():.0f} to {speed.max():.0f} rpm"
     )
-    return Section("Summary", "", (facts, table))
 
 
 def _friction_section(friction: FrictionSweep, run_id: str) -> Section:
@@ -109,11 +90,12 @@ def _friction_section(friction: FrictionSweep, run_id: str) -> Section:
     )
     repeats = len(np.unique(friction.repeat))
     sweeps = "One sweep" if repeats == 1 else f"{repeats} repeats"
+    said = friction_range(friction)
     return Section(
-        "No-load friction of the reducer",
+        f"{said[0].upper()}{said[1:]}",
         f"{sweeps}, {len(friction.speed_rpm)} points, "
         f"{compensated} the active compensation of the input module.{unsettled}",
-        (_friction_table(friction), figure, Facts((("Record", run_id),))),
+        (figure, _friction_table(friction), Facts((("Record", run_id),))),
     )
 
 

@@ -18,7 +18,13 @@ from torquebench.figures import (
 from torquebench.reports.errors_table import errors_table, module_errors, number, reference_name
 from torquebench.reports.page import Facts, Figure, Section, Table
 
-__all__ = ["SOURCES_LIMIT_FS", "branch_curves", "module_sections", "staircase_figures"]
+__all__ = [
+    "SOURCES_LIMIT_FS",
+    "branch_curves",
+    "conclusion",
+    "module_sections",
+    "staircase_figures",
+]
 
 SOURCES_LIMIT_FS = 0.001
 """0.1 % of full scale: the accuracy of the published instrument (doi 10.1177/00202940221103308)."""
@@ -56,8 +62,18 @@ def branch_curves(
     return curves
 
 
+def conclusion(module: ModuleResult) -> str:
+    """Return what the compensation of a module is worth, in one sentence."""
+    before, after = (
+        number(_reference_errors(result).worst_percent_fs)
+        for result in (module.raw, module.recommended)
+    )
+    count = len(module.verification)
+    return f"{module.side} module: {before} → {after} % FS, verified on {count} fresh points"
+
+
 def module_sections(module: ModuleResult) -> list[Section]:
-    """Return the sections of one module: calibration, compensation, verification.
+    """Return the sections of one module: its errors, and details of calibration and verification.
 
     Parameters
     ----------
@@ -70,9 +86,18 @@ def module_sections(module: ModuleResult) -> list[Section]:
         Sections of calibration and verification.
     """
     name = f"{module.side.capitalize()} module"
+    picture, *figures = _figures(module)
+    table, *tables = _tables(module)
+    said = conclusion(module)
     return [
-        Section(f"{name}: calibration", _calibration_text(module), _calibration_blocks(module)),
-        Section(f"{name}: verification", _verification_text(module), _verification_blocks(module)),
+        Section(f"{said[0].upper()}{said[1:]}", _verification_text(module), (picture, table)),
+        Section(f"{name}: all errors", "", (*tables, *figures), detail=True),
+        Section(
+            f"{name}: calibration",
+            _calibration_text(module),
+            _calibration_blocks(module),
+            detail=True,
+        ),
     ]
 
 
@@ -135,10 +160,9 @@ def _verification_text(module: ModuleResult) -> str:
     worst = _reference_errors(module.recommended)
     return (
         f"{len(module.verification)} fresh readings in {groups} groups, none of them on a step of "
-        f"the calibration. After the recommended model the worst single reading is "
-        f"{number(worst.worst_nm)} N·m ({number(worst.worst_percent_fs)} % FS) off the "
-        f"{reference_name(module)}. Averages over the groups show what a model is worth once the "
-        "noise of single readings is gone."
+        f"the calibration. After the recommended model the worst error of a single reading against "
+        f"the {reference_name(module)} is {number(worst.worst_nm)} N·m. Averages over the groups "
+        "show what a model is worth once the noise of single readings is gone."
     )
 
 
@@ -148,25 +172,27 @@ def _reference_errors(result: CompensationResult) -> ErrorSummary:
 
 
 def _tables(module: ModuleResult) -> list[Table]:
+    """Return errors by their reference; those that the conclusion states first."""
+    parts = module_errors(module)
+    parts.sort(key=lambda part: "against the " + reference_name(module) not in part[0])
     return [
         errors_table(
             [(result.title, errors) for result, errors in rows],
             f"{words[0].upper()}{words[1:]}.",
             next(place for place, (result, _) in enumerate(rows) if result.recommended),
         )
-        for words, rows in module_errors(module)
+        for words, rows in parts
     ]
 
 
-def _verification_blocks(module: ModuleResult) -> list[Table | Figure]:
+def _figures(module: ModuleResult) -> list[Figure]:
     data = module.verification
     reference = data.standard_nm if data.true_torque_nm is None else data.true_torque_nm
     results = (module.raw, *module.models)
     points = [
         Curve(r.title, reference, r.torque_nm - reference, raw=r is module.raw) for r in results
     ]
-    blocks: list[Table | Figure] = [
-        *_tables(module),
+    figures = [
         Figure(
             error_figure(points, module.range_nm, limit_fs=SOURCES_LIMIT_FS),
             f"Error of every verification reading against the {reference_name(module)}: "
@@ -185,7 +211,7 @@ def _verification_blocks(module: ModuleResult) -> list[Table | Figure]:
             for r in results
             if r.dense_torque_nm is not None
         ]
-        blocks.append(
+        figures.append(
             Figure(
                 error_figure(curves, module.range_nm, limit_fs=SOURCES_LIMIT_FS, markers=False),
                 "Error of each model alone in a dense sweep without noise, increasing "
@@ -196,13 +222,13 @@ def _verification_blocks(module: ModuleResult) -> list[Table | Figure]:
         r.title: np.array([group.worst_nm for group in r.verification.groups])
         for r in module.models
     }
-    blocks.append(
+    figures.append(
         Figure(
             group_figure(worst, module.range_nm, limit_fs=SOURCES_LIMIT_FS),
             f"Worst single reading of each group. {_repeatability(module)}",
         )
     )
-    return blocks
+    return figures
 
 
 def _repeatability(module: ModuleResult) -> str:

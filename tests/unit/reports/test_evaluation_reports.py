@@ -9,10 +9,9 @@ from rich.console import Console
 
 from torquebench.calibration import summarise_errors
 from torquebench.campaign.reducers.quantities import result_quantities
-from torquebench.cli.tables import error_blocks, friction_blocks
+from torquebench.cli.tables import error_blocks
 from torquebench.cli.terminal.page import print_page
 from torquebench.operations.evaluating import Friction, Hysteresis
-from torquebench.procedures import FrictionSweep
 from torquebench.reducers import (
     LoopSettings,
     NoLoadResult,
@@ -185,23 +184,3 @@ def test_numbers_in_columns_keep_a_space() -> None:
         if "raw" in line:
             assert len(line.split()) == 2 + 6
         assert len(line.rstrip()) <= 80
-
-
-def test_one_sweep_is_no_repeat_and_has_no_spread() -> None:
-    speed = np.array([100.0, 300.0])
-    sweep = FrictionSweep(
-        speed_rpm=speed,
-        torque_nm=np.array([0.05, 0.06]),
-        nominal_rpm=speed,
-        repeat=np.ones(2, dtype=int),
-        branch=np.ones(2, dtype=int),
-        standard_error_nm=np.full(2, 1e-4),
-        compensated=True,
-        unsettled=0,
-        true_torque_nm=None,
-        temperature_c=np.full(2, 23.0),
-    )
-    text = printed(friction_blocks(sweep, simulated=False))
-    assert "1 repeats" not in text
-    assert "one sweep" in text
-    assert "±0.0" not in text
