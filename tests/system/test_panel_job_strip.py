@@ -3,10 +3,11 @@
 import signal
 from collections.abc import Iterator
 
+import httpx
 import pytest
 from selenium.webdriver.common.by import By
 from tests.system.command_line import patient_bench
-from tests.system.panel_browser import SLOW, Panel, Visitor, browser, running_panel
+from tests.system.panel_browser import PEOPLE, SLOW, Panel, Visitor, browser, running_panel
 
 pytestmark = SLOW
 STRIP = ".job-strip"
@@ -84,6 +85,32 @@ def test_a_page_that_was_left_takes_no_message_from_the_next(person: Visitor) ->
     abort(person)
     person.sees(f"{JOB}: aborted")
     dismiss(person)
+
+
+def test_a_failure_is_told_where_its_page_was_left_and_its_form_begins_with_the_request(
+    panel: Panel, person: Visitor
+) -> None:
+    person.open("/reducer")
+    person.choose("Reducer", "rv-40e")
+    person.fill("Serial", "S-77")
+    person.press("Mount the reducer and begin")
+    person.wait(lambda: "under way" in person.text, "a test under way")
+    person.open("/alarms")
+    abort(person)
+    person.sees("aborted by Admin")
+    person.open("/reducer")
+    person.wait(lambda: person.field("Serial").get_attribute("value") == "S-77", "its request")
+    with httpx.Client(base_url=f"{panel.url}/api/v1") as client:
+        session = client.post("/session", json={"name": "Admin", "password": PEOPLE["Admin"][1]})
+        client.headers["Authorization"] = f"Bearer {session.json()['token']}"
+        client.post("/command", json={"force": True}).raise_for_status()
+        for kind, request in (("zero", {"sides": ["output"]}), ("calibrate", {"side": "output"})):
+            begun = client.post(f"/operations/{kind}", json=request).raise_for_status()
+            job = f"/jobs/{begun.json()['job_id']}"
+            client.post(f"{job}/abort", json={}).raise_for_status()
+            person.wait(lambda job=job: client.get(job).json()["finished"], "its end")
+    person.open("/calibrate")  # it shows the newest job only
+    person.sees("Zeroing: aborted")
 
 
 def test_a_server_that_died_says_so_to_who_had_started_something(

@@ -1,6 +1,7 @@
 """A person at the live chart: zoom, cursors, peaks, markers, channels, spectrum, files."""
 
 import csv
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -50,15 +51,36 @@ def saved(person: Visitor, folder: Path, ending: str, name: str = "torquebench-*
     return file
 
 
-def test_the_chart_is_in_sight_on_a_small_screen(person: Visitor) -> None:
+def choose_tool(person: Visitor, tool: str) -> None:
+    """Choose from the menu of the toolbar, which then closes."""
+    person.press("More", within="//details")
+    person.press(tool, within="//details")
+    menu = "return document.querySelector('.trend-tools .menu').open"
+    person.wait(lambda: not person.driver.execute_script(menu), "a closed menu")
+
+
+def test_a_small_screen_shows_one_row_of_tools_and_three_plots_of_160_pixels(
+    person: Visitor,
+) -> None:
     person.size(1366, 768)
     person.open("/")
-    person.wait(
-        lambda: person.driver.execute_script(
-            "return document.querySelector('.trend').getBoundingClientRect().bottom <= 768"
-        ),
-        "a chart that needs no scrolling",
+    person.wait(lambda: option(person, "legend[0].data"), "lines in the first plot")
+    bottom = "return document.querySelector('.trend').getBoundingClientRect().bottom"
+    assert person.driver.execute_script(bottom) <= 768
+    heights = option(person, "grid.map((grid) => grid.height)")
+    assert len(heights) == 3
+    assert min(heights) >= 160
+    tops = (
+        "return [...document.querySelectorAll('.trend-tools .control')]"
+        ".filter((each) => each.checkVisibility()).map((each) => each.getBoundingClientRect().top)"
     )
+    assert len(set(person.driver.execute_script(tops))) == 1
+    named = option(person, "legend.map((legend) => legend.data)")
+    assert named == [
+        ["Output, raw torque"],
+        ["Input, raw torque"],
+        ["Input, speed", "Output, speed"],
+    ]
     person.size(1440, 900)
 
 
@@ -102,6 +124,17 @@ def test_a_scale_ends_a_little_beyond_the_values_and_has_a_tick_at_zero(person: 
         assert person.driver.execute_script(scale, *ends, room) == found
 
 
+def test_a_cursor_reads_nothing_where_there_is_no_reading(person: Visitor) -> None:
+    person.open("/")
+    read = (
+        "const place = document.querySelector('.trend').closest('.trend-box').id.slice(1);"
+        "const points = [0, 1, 2, 3, 13, 14].map((time) => ({time, mean: 10 * time}));"
+        "return window.getElement(Number(place)).at(points, arguments[0])"
+    )
+    read_at = {time: person.driver.execute_script(read, time) for time in (-5, 0.4, 3, 8, 13.6, 30)}
+    assert read_at == {-5: None, 0.4: 0, 3: 30, 8: None, 13.6: 140, 30: None}
+
+
 def test_times_are_those_of_the_clock(person: Visitor) -> None:
     person.open("/")
     late = person.wait(
@@ -116,16 +149,16 @@ def test_times_are_those_of_the_clock(person: Visitor) -> None:
 
 def test_peaks_are_held(person: Visitor) -> None:
     person.open("/")
-    person.press("Peak hold")
+    choose_tool(person, "Peak hold")
     person.wait(lambda: heads(person)[-1] == "Highest held", "held peaks")
-    person.press("Peak hold")
+    choose_tool(person, "Peak hold")
     person.wait(lambda: heads(person)[-1] == "Mean", "no held peaks")
 
 
 def test_a_marker_is_seen_with_its_note(person: Visitor) -> None:
     person.open("/")
     person.press("10 min")  # in ten seconds it may be gone before anybody looks
-    person.press("Marker")
+    choose_tool(person, "Marker")
     person.fill("Note", "clamp tightened")
     person.press("Set the marker")
 
@@ -141,7 +174,7 @@ def test_a_marker_is_seen_with_its_note(person: Visitor) -> None:
 
 def test_channels_and_scales_are_kept_for_the_person(person: Visitor) -> None:
     person.open("/")
-    person.press("Channels")
+    choose_tool(person, "Channels")
     for signal in ("raw torque", "compensated torque", "torque of the standard"):
         person.choose(f"Input, {signal}", "")
     person.choose("Output, temperature of the transducer", "3")
@@ -159,7 +192,7 @@ def test_channels_and_scales_are_kept_for_the_person(person: Visitor) -> None:
     person.wait(lambda: option(person, "yAxis[2].name") == "Output, °C", "the same channels")
     person.wait(lambda: option(person, "yAxis[0].max") == 2000, "the bench's range")
     assert option(person, "yAxis[0].min") == -2000
-    person.press("Channels")
+    choose_tool(person, "Channels")
     assert person.axe() == []
     person.press("Restore the default")
     person.wait(lambda: option(person, "yAxis[2].name") == "Input, N·m", "the usual channels")
@@ -168,8 +201,17 @@ def test_channels_and_scales_are_kept_for_the_person(person: Visitor) -> None:
 
 def test_a_span_is_shown_as_spectrum_and_histogram(person: Visitor) -> None:
     person.open("/")
-    person.press("Spectrum")
+    choose_tool(person, "Spectrum")
     person.sees("standard deviation")
+    rate = re.search(r" ([\d.]+) a second", person.text)
+    assert rate is not None
+    axis = (
+        "const place = document.querySelector('.figure .chart').id.slice(1);"
+        "const [line] = getElement(Number(place)).chart.getOption().series;"
+        "return Math.max(...line.data.map(([frequency]) => frequency))"
+    )
+    highest_hz = person.wait(lambda: person.driver.execute_script(axis), "a spectrum")
+    assert highest_hz == pytest.approx(float(rate[1]) / 2.0, rel=0.01)
     person.wait(
         lambda: len(person.driver.find_elements(By.CSS_SELECTOR, ".figure canvas")) == 2,
         "two charts",
@@ -181,9 +223,9 @@ def test_a_span_is_shown_as_spectrum_and_histogram(person: Visitor) -> None:
 def test_the_chart_is_saved_as_picture_and_table(person: Visitor, folder: Path) -> None:
     person.open("/")
     person.wait(lambda: len(heads(person)) == 4, "a table of values")
-    person.press("Picture")
+    choose_tool(person, "Picture")
     assert saved(person, folder, "png").read_bytes()[:4] == b"\x89PNG"
-    person.press("CSV")
+    choose_tool(person, "CSV")
     file = saved(person, folder, "csv")
     person.wait(lambda: file.stat().st_size > 0, "a written file")
     with file.open(newline="") as lines:

@@ -1,4 +1,4 @@
-"""Buttons, fields and choices: at least 48 px high, labelled, with their errors beside them."""
+"""Buttons, fields and choices: 36 px high, 48 px for fingers, with label and error."""
 
 from __future__ import annotations
 

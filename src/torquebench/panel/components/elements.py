@@ -106,11 +106,12 @@ def on_press(element: Any, action: Callable[[], Any]) -> None:
         element.client.run_javascript(f'torquebench.{what}("{element.html_id}")')
 
     async def finish(work: Coroutine[Any, Any, Any]) -> None:
-        try:
-            tell("heard")
-            await work
-        finally:
-            tell("done")
+        with element.client.content:
+            try:
+                tell("heard")
+                await work
+            finally:
+                tell("done")
 
     def pressed() -> Coroutine[Any, Any, None] | None:
         work = None

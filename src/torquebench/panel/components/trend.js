@@ -67,16 +67,25 @@ export default {
   emits: ["painted", "view", "zoomed"],
   template: `
     <div class="trend-box">
-      <div class="line trend-tools" role="toolbar" :aria-label="words.tools">
-        <button type="button" class="control small" :class="{ primary: held }" :disabled="!held" @click="follow">{{ words.live }}</button>
-        <button type="button" class="control small" :aria-label="words.zoom_in" :title="words.zoom_in" @click="zoom(0.5)">+</button>
-        <button type="button" class="control small" :aria-label="words.zoom_out" :title="words.zoom_out" @click="zoom(2)">−</button>
-        <button type="button" class="control small" :aria-label="words.earlier" :title="words.earlier" @click="pan(-0.5)">◂</button>
-        <button type="button" class="control small" :aria-label="words.later" :title="words.later" @click="pan(0.5)">▸</button>
+      <div class="trend-tools" role="toolbar" :aria-label="words.tools">
+        <slot></slot>
+        <span class="group">
+          <button type="button" class="control small" :class="{ primary: held }" :disabled="!held" @click="follow">{{ words.live }}</button>
+          <button type="button" class="control small" :aria-label="words.zoom_in" :title="words.zoom_in" @click="zoom(0.5)">+</button>
+          <button type="button" class="control small" :aria-label="words.zoom_out" :title="words.zoom_out" @click="zoom(2)">−</button>
+          <button type="button" class="control small" :aria-label="words.earlier" :title="words.earlier" @click="pan(-0.5)">◂</button>
+          <button type="button" class="control small" :aria-label="words.later" :title="words.later" @click="pan(0.5)">▸</button>
+        </span>
         <button type="button" class="control small" :aria-pressed="String(cursors !== null)" @click="switchCursors">{{ words.cursors }}</button>
-        <button type="button" class="control small" :aria-pressed="String(peaks)" @click="switchPeaks">{{ words.peaks }}</button>
-        <button type="button" class="control small" @click="picture">{{ words.picture }}</button>
-        <button type="button" class="control small" @click="table">{{ words.table }}</button>
+        <details class="menu" ref="menu" @click="pressed" @keydown.esc="closeMenu" @focusout="left">
+          <summary class="control small">{{ words.more }}</summary>
+          <div>
+            <slot name="menu"></slot>
+            <button type="button" class="control quiet small" :aria-pressed="String(peaks)" @click="switchPeaks">{{ words.peaks }}</button>
+            <button type="button" class="control quiet small" @click="picture">{{ words.picture }}</button>
+            <button type="button" class="control quiet small" @click="table">{{ words.table }}</button>
+          </div>
+        </details>
       </div>
       <div class="trend-place" ref="place">
         <div class="trend" ref="plot" role="img" tabindex="0" :aria-label="label" @keydown="key"></div>
@@ -172,14 +181,14 @@ export default {
       const narrow = this.plot.clientWidth < 620;
       const count = this.grids.length;
       const height = this.plot.clientHeight || 480;
-      const part = (height - 26) / count;
+      const part = (height - 22) / count;
       this.left = narrow ? 58 : 74;
       this.right = this.grids.some((each) => each.second) ? (narrow ? 50 : 70) : 18;
       const grid = [], xAxis = [], yAxis = [], legend = [];
       this.axes = [];
       this.grids.forEach((each, place) => {
-        const top = place * part + 28;
-        grid.push({ left: this.left, right: this.right, top, height: part - 36 });
+        const top = place * part + 26;
+        grid.push({ left: this.left, right: this.right, top, height: part - 34 });
         xAxis.push({
           type: "time", gridIndex: place, min: 0, max: 1, animation: false,
           axisLabel: { show: place === count - 1, color: ink, formatter: (ms) => clock(ms, this.fine), hideOverlap: true, fontSize: 13, showMinLabel: false, showMaxLabel: false },
@@ -195,11 +204,10 @@ export default {
             axisLabel: { color: ink, fontSize: 13, formatter: numberText }, axisLine: { show: false, onZero: false },
             splitLine: { show: !second, lineStyle: { color: line, opacity: 0.5 } },
           });
-          this.axes.push({ room: part - 36, floor, low: 0, high: 1, ends: second ? null : (each.ends ?? null), used: text !== "" });
+          this.axes.push({ room: part - 34, floor, low: 0, high: 1, ends: second ? null : (each.ends ?? null), used: text !== "" });
         }
-        const names = this.series.filter((one) => one.grid === place).map((one) => one.title);
         legend.push({
-          itemStyle: { opacity: 0 }, top: top - 28, right: each.second ? this.right + 90 : this.right, data: names, selectedMode: false, itemWidth: 22, itemHeight: 8,
+          itemStyle: { opacity: 0 }, top: top - 27, right: each.second ? this.right + 90 : this.right, data: [], selectedMode: false, itemWidth: 22, itemHeight: 8,
           textStyle: { color: this.colour("--ink"), fontSize: 13 }, show: !narrow,
         });
       });
@@ -207,10 +215,11 @@ export default {
         type: "line", name: each.title, data: [], showSymbol: false, animation: false, silent: true,
         xAxisIndex: each.grid, yAxisIndex: 2 * each.grid + (each.axis ?? 0),
         lineStyle: { width: each.dashed ? 1.4 : 2, type: each.dashed ? "dashed" : "solid", color: this.colour(each.colour) },
-        itemStyle: { color: this.colour(each.colour) }, z: each.dashed ? 2 : 3, symbol: "none",
+        itemStyle: { color: this.colour(each.colour) }, z: each.dashed ? 3 : 2, symbol: "none", // dashes stay in sight
       }));
       const textStyle = { fontFamily: getComputedStyle(document.body).fontFamily };
       this.chart.setOption({ animation: false, textStyle, legend, grid, xAxis, yAxis, series }, { notMerge: true });
+      this.drawn = "";
       this.dirty = true;
       this.schedule();
     },
@@ -421,10 +430,16 @@ export default {
       }
       return found;
     },
+    // Longer distances between points than this are times without a reading.
+    longestStep(points) {
+      const distances = points.slice(1).map((point, row) => point.time - points[row].time).sort((a, b) => a - b);
+      return 3 * (distances[distances.length >> 1] ?? 0);
+    },
+    // The reading at a time; none in a gap and beyond the ends.
     at(points, time) {
       let best = null;
       for (const point of points) if (best === null || Math.abs(point.time - time) < Math.abs(best.time - time)) best = point;
-      return best ? best.mean : NaN;
+      return best && Math.abs(best.time - time) <= this.longestStep(points) / 2 ? best.mean : NaN;
     },
     tell(found, { start, stop }) {
       const seconds = numberText(Number((stop - start).toPrecision(4)));
@@ -458,6 +473,18 @@ export default {
       }));
       const same = shown.length === this.shownCursors.length && shown.every((each, place) => each.x === this.shownCursors[place].x);
       if (!same) this.shownCursors = shown;
+    },
+
+    // -- the menu: closed by a choice, by Escape and by leaving it -------------------------------
+    pressed(event) {
+      if (event.target.closest("button")) this.$refs.menu.open = false;
+    },
+    closeMenu() {
+      this.$refs.menu.open = false;
+      this.$refs.menu.querySelector("summary").focus();
+    },
+    left(event) {
+      if (event.relatedTarget && !this.$refs.menu.contains(event.relatedTarget)) this.$refs.menu.open = false;
     },
 
     // -- files ----------------------------------------------------------------------------------
@@ -529,8 +556,12 @@ export default {
         const points = (found[name] = this.points(name, shown));
         const ends = spans[2 * grid + (axis ?? 0)];
         const data = [];
+        const longest = this.longestStep(points);
+        let before = Infinity;
         for (const point of points) {
           const ms = (point.time + this.offset) * 1000;
+          if (point.time - before > longest) data.push([ms, null]); // no line across a gap
+          before = point.time;
           if (envelope) data.push([ms, point.low], [ms, point.high]);
           else data.push([ms, point.mean]);
           const [low, high] = envelope ? [point.low, point.high] : [point.mean, point.mean];
@@ -546,7 +577,7 @@ export default {
       });
       const yAxis = this.scales(spans);
       const xAxis = this.grids.map(() => ({ min: (shown.start + this.offset) * 1000, max: (shown.stop + this.offset) * 1000 }));
-      this.chart.setOption({ xAxis, yAxis, series }, { silent: true });
+      this.chart.setOption({ xAxis, yAxis, series, ...this.legends(found) }, { silent: true });
       this.placeCursors(shown);
       const now = performance.now();
       if (now - this.valuesAt > VALUES_EVERY_MS) {
@@ -554,6 +585,14 @@ export default {
         this.tell(found, shown);
       }
       this.statistics.painted += 1;
+    },
+    // The legends name the lines that have a reading; nothing where these are the same as before.
+    legends(found) {
+      const drawn = this.series.filter(({ name }) => found[name].length);
+      const names = drawn.map(({ name }) => name).join();
+      if (names === this.drawn) return {};
+      this.drawn = names;
+      return { legend: this.grids.map((_, place) => ({ data: drawn.filter(({ grid }) => grid === place).map(({ title }) => title) })) };
     },
     // Held peaks of a signal; markers stand on the first signal of each chart.
     lines(place, grid, name, { start, stop }) {

@@ -10,7 +10,6 @@ from torquebench.chain import EffectState
 from torquebench.panel.components.elements import (
     box,
     on_press,
-    panel,
     refilled,
     scrolling,
     tag,
@@ -45,11 +44,20 @@ class EffectsTable:
         self._visitor, self._side, self._text = visitor, side, visitor.text
         self._numbers: dict[str, tuple[Any, Any]] = {}
         self._shown: tuple[Any, ...] | None = None
-        with panel(self._text(f"live.effects_{side}")):
+        self._open = False
+        with box("details", "panel fold") as fold:
+            words("summary", self._text(f"live.effects_{side}"))
             self._place = box("div", "stack")
+        fold.on("toggle", self._toggled, js_handler="(event) => emit(event.target.open)")
+
+    def _toggled(self, event: Any) -> None:
+        self._open = bool(event.args)
+        self.refresh()
 
     def refresh(self) -> None:
-        """Show the newest window; the table is rebuilt only where a state has changed."""
+        """Show the newest window where somebody looks; rebuild the table where a state changed."""
+        if not self._open:
+            return
         states = [state for state in self._visitor.service.effects(self._side) if _says(state)]
         may = self._visitor.has_role("metrologist")
         shown = (may, *((state.name, state.state, _kind_of(state)) for state in states))

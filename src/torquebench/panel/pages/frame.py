@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
+from urllib.parse import quote
 
 from nicegui import ui
 
@@ -85,7 +86,7 @@ class _Frame:
                 self._rail(current)
             before.move(client.layout, 0)  # seen and focused before the page's content
             self.visitor.messages = Messages(self.text)
-            self._job = JobStrip(self.visitor, current)
+            self.job = JobStrip(self.visitor)
 
     def _bar(self) -> None:
         text = self.text
@@ -167,9 +168,9 @@ class _Frame:
         try:
             commands = self.visitor.commands
         except NotSignedInError:
-            ui.navigate.to(f"/sign-in?reason=expired&next={self._path}")
+            here = quote(self.visitor.address)
+            ui.navigate.to(f"/sign-in?reason=expired&next={here}")
             return
-        self._job.refresh()
         self._notify()
         self._presence.set_visibility(service.presence_wanted and commands)
         if service.presence_wanted and commands:
@@ -285,6 +286,8 @@ def frame(
         around.refresh()
         if on_refresh is not None and made:
             on_refresh()
+        if made:
+            around.job.refresh()
 
     with box("div", "page", id="content", tabindex="-1") as content:
         around.strips()

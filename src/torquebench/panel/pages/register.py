@@ -15,7 +15,7 @@ from nicegui import app, ui
 from torquebench.errors import TorquebenchError
 from torquebench.panel.pages.page import PAGES, Page
 from torquebench.panel.pages.sign_in import no_such_page, safe_target, sign_in_page
-from torquebench.panel.pages.visitor import SESSION_COOKIE, visitor_of
+from torquebench.panel.pages.visitor import SESSION_COOKIE, address_of, visitor_of
 from torquebench.panel.service import BenchService, LockedOutError, SignInError
 
 __all__ = ["import_pages", "register_pages"]
@@ -71,7 +71,7 @@ def _add(service: BenchService, page: Page, opened: dict[str, str]) -> None:
     def show(request: Request) -> Response | None:
         visitor = visitor_of(service, request)
         if visitor is None:
-            return RedirectResponse(f"/sign-in?next={quote(request.url.path)}", status_code=303)
+            return RedirectResponse(f"/sign-in?next={quote(address_of(request))}", status_code=303)
         client = ui.context.client
         opened[client.id] = visitor.token
         client.on_delete(lambda: opened.pop(client.id, None))

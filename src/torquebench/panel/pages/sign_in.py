@@ -5,6 +5,7 @@ They work with password managers and, apart from the stop button, without script
 
 from __future__ import annotations
 
+import re
 from html import escape
 from urllib.parse import quote
 
@@ -28,10 +29,12 @@ def safe_target(target: str) -> str:
 
     Examples
     --------
-    >>> safe_target("/records"), safe_target("//elsewhere.example"), safe_target("https://x.example")
-    ('/records', '/', '/')
+    >>> safe_target("/calibrations/1?step=sign"), safe_target("//x.example"), safe_target("/x")
+    ('/calibrations/1?step=sign', '/', '/')
     """
-    return target if any(target == page.path for page in PAGES.values()) else "/"
+    path = target.partition("?")[0]
+    patterns = (re.sub(r"{\w+}", r"[\\w.-]+", page.path) for page in PAGES.values())
+    return target if any(re.fullmatch(pattern, path) for pattern in patterns) else "/"
 
 
 def element(tag: str, *content: str, classes: str = "", **attributes: str | bool | None) -> str:

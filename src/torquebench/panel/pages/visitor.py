@@ -23,6 +23,7 @@ __all__ = [
     "LOOK_COOKIE",
     "SESSION_COOKIE",
     "Visitor",
+    "address_of",
     "look_of",
     "session_of",
     "text_of",
@@ -48,6 +49,8 @@ class Visitor:
     text : Text
     look : str
         "light", "dark" or empty for the device's own.
+    address : str
+        Path and query of the page.
     query : mapping of str to str
         The query of the page's address, and the named parts of its path.
     shown_jobs : set of str
@@ -60,6 +63,7 @@ class Visitor:
     token: str
     text: Text
     look: str
+    address: str = "/"
     query: Mapping[str, str] = field(default_factory=dict)
     shown_jobs: set[str] = field(default_factory=set)
     messages: Messages = None  # type: ignore[assignment]  # set by the frame
@@ -168,4 +172,10 @@ def visitor_of(service: BenchService, request: Request) -> Visitor | None:
     except NotSignedInError:
         return None
     query = dict(request.query_params) | request.path_params
-    return Visitor(service, token, text_of(request), look_of(request), query)
+    return Visitor(service, token, text_of(request), look_of(request), address_of(request), query)
+
+
+def address_of(request: Request) -> str:
+    """Return path and query of a page."""
+    url = request.url
+    return f"{url.path}?{url.query}" if url.query else url.path

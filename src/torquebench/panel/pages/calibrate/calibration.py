@@ -19,6 +19,7 @@ from torquebench.errors import TorquebenchError
 from torquebench.operations import find_operation
 from torquebench.operations.calibrating import (
     CalibratedModule,
+    CalibrationResult,
     additional_torque,
     errors_of_models,
     residuals,
@@ -26,7 +27,13 @@ from torquebench.operations.calibrating import (
 )
 from torquebench.operations.checking import VerifiedModule
 from torquebench.operations.models import ComparedModels
-from torquebench.panel.components.controls import Choice, Field, button, tolerance_field
+from torquebench.panel.components.controls import (
+    Choice,
+    Field,
+    button,
+    set_disabled,
+    tolerance_field,
+)
 from torquebench.panel.components.elements import (
     box,
     empty,
@@ -58,7 +65,7 @@ __all__ = ["calibration_page"]
 Step = Literal["models", "verify", "sign", "certificate"]
 STEPS: tuple[Step, ...] = get_args(Step)
 JOBS: Mapping[Step, Sequence[str]] = {
-    "models": ("records-compare-models", "records-fit-model"),
+    "models": ("records-compare-models", "records-fit-model", "calibrate", "resume"),
     "verify": ("verification",),
     "sign": (),
     "certificate": ("certificate",),
@@ -99,6 +106,12 @@ class _Calibration:
         return self.signed if step == "sign" else bool(self.detail.certificates)
 
 
+def made_by(job: JobView) -> list[int]:
+    """Return the numbers of the calibrations that a job has made."""
+    modules = job.result.modules if isinstance(job.result, CalibrationResult) else ()
+    return [module.calibration_id for module in modules]
+
+
 class _CalibrationPage:
     """One calibration; the part that a step needs is shown."""
 
@@ -128,12 +141,14 @@ class _CalibrationPage:
         kinds = JOBS[self.step or "models"]
         job = next((each for each in recent if each.kind in kinds), None)
         self._job.refresh(job if job is not None and job.result is None else None)
+        if job is not None and job.result is not None:
+            self.visitor.shown_jobs.add(job.job_id)
         if jobs.ended != self._ended:
             self._ended = jobs.ended
             background_tasks.create(self._read(), name="calibration")
 
     def _concerns(self, job: JobView) -> bool:
-        return job.request.get("calibration") == self.number
+        return self.number in (job.request.get("calibration"), *made_by(job))
 
     async def _read(self) -> None:
         """Read the records beside the event loop, and show them."""
@@ -279,8 +294,8 @@ def _another_fit(page: _CalibrationPage) -> None:
                 page.visitor, operation, {"calibration": page.number}, ("calibration",)
             )
 
-            def fit() -> None:
-                begin(page.visitor, operation, form)
+            async def fit() -> None:
+                await begin(page.visitor, operation, form)
                 page.refresh()
 
             with box("div", "line"):
@@ -307,8 +322,8 @@ def _verify(page: _CalibrationPage, found: _Calibration) -> None:
         words("p", text("verify.explained"))
         form = OperationForm(page.visitor, operation, given, ("side", "calibration", "models"))
 
-        def start() -> None:
-            begin(page.visitor, operation, form)
+        async def start() -> None:
+            await begin(page.visitor, operation, form)
             page.refresh()
 
         button(text("verify.start"), start, "primary" if verified is None else "",
@@ -384,29 +399,33 @@ def _signature(page: _CalibrationPage, found: _Calibration) -> None:
     _preview_button(page, lambda: {"languages": (text.language,), "model_id": int(chosen.value)})
     remark = Field(text("sign.despite" if contradictions else "sign.remark"), maxlength="500")
 
-    def sign() -> None:
+    async def sign() -> None:
         number = int(chosen.value)
         despite = bool(module.model(number).contradictions)
         remark.wrong(text("sign.despite_missing") if despite and not remark.value.strip() else "")
         if despite and not remark.value.strip():
             return
-        with signing(page, password):
-            service, actor = visitor.service, visitor.actor
+        given, said = password.value, remark.value
+        service, actor = visitor.service, visitor.actor
+
+        def put_into_use() -> None:
             service.jobs.command(actor)  # checked before anything is signed
             review = {
                 "record": f"calibration-{page.number}",
-                "remark": remark.value,
+                "remark": said,
                 "sha256": found.detail.signed_sha256,
             }
-            given = password.value
             service.perform(actor, "records review", review, password=given)
             use = {
                 "model": number,
-                "reason": remark.value or text("sign.reason"),
+                "reason": said or text("sign.reason"),
                 "despite_contradictions": despite,
             }
             service.perform(actor, "records use", use, password=given)
-            background_tasks.create(page.after_signing(), name="calibration")
+
+        with signing(page, password):
+            await in_thread(put_into_use)
+            await page.after_signing()
 
     password = Field(text("sign.password"), kind="password", on_enter=sign)
     with box("div", "line"):
@@ -417,11 +436,14 @@ def _signature(page: _CalibrationPage, found: _Calibration) -> None:
 def signing(page: _CalibrationPage, password: Field) -> Iterator[None]:
     """Act with a person's password; say beside its field why that was refused."""
     password.wrong("")
+    set_disabled(password.control, True)  # Enter signs once
     try:
         yield
     except TorquebenchError as error:
         password.wrong(page.text.refusal_line(error))
         password.set("")
+    finally:
+        set_disabled(password.control, False)
 
 
 # -- certificate ----------------------------------------------------------------------------
@@ -447,16 +469,19 @@ def _certificate(page: _CalibrationPage, found: _Calibration) -> None:
             chosen = tuple(name for name in LANGUAGES if name in languages.values)
             return {"languages": chosen, "tolerance_percent_fs": limit}
 
-        def issue() -> None:
+        async def issue() -> None:
             asked = request()
             if asked is None:
                 return
             with signing(page, password):
-                visitor.service.start(
-                    visitor.actor,
-                    "certificate",
-                    {"calibration": page.number, **asked},
-                    password=password.value,
+                await in_thread(
+                    partial(
+                        visitor.service.start,
+                        visitor.actor,
+                        "certificate",
+                        {"calibration": page.number, **asked},
+                        password=password.value,
+                    )
                 )
                 page.refresh()
 

@@ -118,8 +118,8 @@ class _Start:
         if self._form.check():
             self._plan.show(self._form.request())
 
-    def _begin(self) -> None:
-        begin(self._visitor, self._operation, self._form)
+    async def _begin(self) -> None:
+        await begin(self._visitor, self._operation, self._form)
         self.refresh()
 
     def _check(self) -> None:

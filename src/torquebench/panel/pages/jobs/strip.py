@@ -12,21 +12,11 @@ from torquebench.panel.service import EndedJob, JobView
 
 __all__ = ["JobStrip"]
 
-SHOWN_BY = {
-    "calibrate": (
-        *("calibrate", "resume", "certificate", "zero", "check", "verification"),
-        *("records-compare-models", "records-fit-model"),
-    ),
-    "reducer": ("test", "standard-reducer"),
-}
-"""Operations whose pages show the result, so that no message is needed."""
-
 
 class JobStrip:
-    """Shows the job under way where the page itself doesn't; refreshed with the frame."""
+    """Shows the job under way where the page itself doesn't; refreshed after the page."""
 
-    def __init__(self, visitor: Visitor, page: str) -> None:
-        self._kinds = SHOWN_BY.get(page, ())
+    def __init__(self, visitor: Visitor) -> None:
         self._visitor, self._text = visitor, visitor.text
         self._shown: tuple[Any, ...] = ()
         self._told: set[str] = set()
@@ -76,8 +66,7 @@ class JobStrip:
             if job.job_id in self._told:
                 continue
             self._told.add(job.job_id)
-            shown = job.kind in self._kinds and job.state != "interrupted"
-            if shown or job.job_id in visitor.shown_jobs:  # the page itself shows the result
+            if job.job_id in visitor.shown_jobs:  # the page itself shows the result
                 log.told(job.job_id)
                 continue
             self._say(job)

@@ -14,7 +14,7 @@ from torquebench.errors import InputError, TorquebenchError
 from torquebench.message import Message
 from torquebench.panel.components.charts import Chart, Line
 from torquebench.panel.components.controls import Choice, Field, button, typed_number
-from torquebench.panel.components.dialogs import ask, sheet
+from torquebench.panel.components.dialogs import ask, foot, sheet
 from torquebench.panel.components.elements import box, note, on_press, panel, refilled, words
 from torquebench.panel.components.trend import Band, Trace, Trend
 from torquebench.panel.pages.recording_dialog import open_recording
@@ -31,6 +31,7 @@ from torquebench.panel.service import (
     histogram,
     spectrum,
 )
+from torquebench.units import minus_signs
 from torquebench.validation import words_of
 
 __all__ = ["SPANS", "LiveChart"]
@@ -63,6 +64,7 @@ FLOORS = {
 """The smallest span of a scale by unit: left, right."""
 TOOLS = (
     "tools",
+    "more",
     "live",
     "zoom_in",
     "zoom_out",
@@ -105,33 +107,33 @@ class LiveChart:
         self._sequence = 0
         self._marks = -1
         with panel(classes="live-chart"):
-            self._controls()
             said = {key: self.text(f"chart.{key}") for key in TOOLS}
             self.trend = Trend(
                 self.text("live.trend_label"), said, "torquebench-live", places, region, self._finer
             )
+            self._controls()
             self._arrange()
-        self._analysis = box("div", "stack")
 
     # -- controls ---------------------------------------------------------------------------
 
     def _controls(self) -> None:
         text = self.text
-        with box("div", "spread"):
-            with box("div", "line tight", role="group", aria_label=text("live.window")):
+        with self.trend:
+            with box("span", "group", role="group", aria_label=text("live.window")):
                 self._spans = {key: self._span_button(key) for key in SPANS}
-            with box("div", "line tight"):
-                button(text("live.channels_short"), self._open_channels, "small", picture="tune")
-                button(
-                    text("record.start"),
-                    lambda: open_recording(self.visitor),
-                    "small",
-                    picture="fiber_manual_record",
-                )
-                button(text("live.marker"), self._open_marker, "small", picture="bookmark_add")
-                button(
-                    text("live.spectrum_short"), self._open_analysis, "small", picture="equalizer"
-                )
+            button(
+                text("record.start"),
+                lambda: open_recording(self.visitor),
+                "small",
+                picture="fiber_manual_record",
+            )
+        with self.trend.add_slot("menu"):
+            for key, action, picture in (
+                ("channels_short", self._open_channels, "tune"),
+                ("marker", self._open_marker, "bookmark_add"),
+                ("spectrum_short", self._open_analysis, "equalizer"),
+            ):
+                button(text(f"live.{key}"), action, "quiet small", picture=picture)
 
     def _span_button(self, key: str) -> Any:
         pressed = "true" if key == self.layout.span else "false"
@@ -352,7 +354,8 @@ class LiveChart:
 
     def _open_analysis(self) -> None:
         text = self.text
-        with refilled(self._analysis), panel(text("live.spectrum")):
+        with sheet(text("live.spectrum")) as dialog:
+            dialog.classes("wide")
             latest = self.visitor.service.live.latest()
             there = [name for name in TORQUE_SIGNALS if latest[name].value is not None]
             options = sorted(there or TORQUE_SIGNALS, key=lambda name: name not in self._names)
@@ -363,9 +366,8 @@ class LiveChart:
                 on_change=self._analyse,
             )
             self._found = box("div", "stack")
-            with box("div", "line"):
-                button(text("live.again"), self._analyse, "small", picture="refresh")
-                button(text("frame.close"), self._analysis.clear, "quiet small")
+            with foot(text, dialog):
+                button(text("live.again"), self._analyse, picture="refresh")
         self._analyse()
 
     def _analyse(self) -> None:
@@ -387,9 +389,10 @@ class LiveChart:
                     "live.analysed",
                     seconds=f"{windows.time_s[-1] - windows.time_s[0]:.2f}",
                     count=windows.time_s.size,
-                    mean=f"{classes.mean_nm:.4f}",
+                    mean=minus_signs(f"{classes.mean_nm:.4f}"),
                     deviation=f"{classes.deviation_nm:.4f}",
                     resolution=f"{lines.resolution_hz:.3g}",
+                    rate=f"{2.0 * lines.frequency_hz[-1]:.4g}",
                 ),
                 "number",
             )

@@ -148,10 +148,12 @@ class _LivePage:
                 for side, tile in self.tiles.items():
                     places |= {key: where for key, where in tile.places.items() if key != "torque"}
                     places[f"{side}_torque"] = tile.places["torque"]
-                with box("div", "facts"):
+                with panel(classes="facts"), box("dl", "pairs"):
                     for key, (signal, decimals) in FACTS.items():
-                        fact = _fact(text(f"live.{key}"), unit_of_name(signal))
-                        places[signal] = (fact, decimals)
+                        words("dt", text(f"live.{key}"))
+                        with box("dd", "number"):
+                            places[signal] = (words("span", "—"), decimals)
+                            words("span", f" {unit_of_name(signal)}", "unit")
             with box("div", "stack"):
                 self.chart = LiveChart(self.visitor, places, region)
         with box("div", "stack effects"):
@@ -179,15 +181,6 @@ class _LivePage:
         if self.refreshes % EFFECTS_EVERY == 1:
             for table in self.effects:
                 table.refresh()
-
-
-def _fact(title: str, unit: str) -> Any:
-    with panel(classes="fact"):
-        words("div", title, "small muted")
-        with box("div", "value number"):
-            value = words("span", "—")
-            words("span", f" {unit}", "unit")
-    return value
 
 
 @page("live", "/", picture="speed", place=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from nicegui import ui
@@ -23,7 +24,13 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobView
 from torquebench.panel.text import Text
 
-__all__ = ["operation_buttons", "operation_dialog", "operations_page", "show_result"]
+__all__ = [
+    "operation_buttons",
+    "operation_dialog",
+    "operations_page",
+    "show_result",
+    "unsuccessful",
+]
 
 
 def offered(visitor: Visitor) -> list[Operation]:
@@ -70,7 +77,10 @@ class _OperationPage:
                 with panel(), box("div", "stack"):
                     describe(text, operation)
                     self._form = OperationForm(
-                        self._visitor, operation, _given(self._visitor), on_change=self._preview
+                        self._visitor,
+                        operation,
+                        unsuccessful(self._visitor, operation.key) | _given(self._visitor),
+                        on_change=self._preview,
                     )
                     if operation.signed:
                         self._password = Field(text("sign.password"), kind="password")
@@ -87,8 +97,8 @@ class _OperationPage:
         if self._plan is not None and self._form.check():
             self._plan.show(self._form.request())
 
-    def _begin(self) -> None:
-        begin(self._visitor, self._operation, self._form, self._password, self._done)
+    async def _begin(self) -> None:
+        await begin(self._visitor, self._operation, self._form, self._password, self._done)
         self.refresh()
 
     def _add(self) -> None:
@@ -129,7 +139,14 @@ def _given(visitor: Visitor) -> dict[str, Any]:
     return {name: value for name, value in visitor.query.items() if name != "key"}
 
 
-def begin(
+def unsuccessful(visitor: Visitor, kind: str) -> dict[str, Any]:
+    """Return the newest request for an operation if nothing came of it: a form begins with it."""
+    jobs = visitor.service.jobs.recent()
+    job = next((each for each in jobs if each.kind == kind), None)
+    return {} if job is None or job.open or job.result is not None else dict(job.request)
+
+
+async def begin(
     visitor: Visitor,
     operation: Operation,
     form: OperationForm,
@@ -143,17 +160,14 @@ def begin(
     service, request = visitor.service, form.request()
     if password is not None:
         password.set("")
-    if not operation.quick:
-        if form.clear is not None:
-            beside["bench_clear"] = form.clear.confirmed
-        return visitor.act(
-            service.start, operation.name, request, then=lambda: then(None), **beside
-        )
-
-    def perform() -> None:
-        then(service.perform(visitor.actor, operation.name, request, **beside))
-
-    return visitor.attempt(perform)
+    if form.clear is not None and not operation.quick:
+        beside["bench_clear"] = form.clear.confirmed
+    actor, act = visitor.actor, service.perform if operation.quick else service.start
+    # Beside the event loop: checking a password and writing records takes seconds.
+    done = await visitor.attempt_aside(partial(act, actor, operation.name, request, **beside))
+    if done is not None:
+        then(done if operation.quick else None)
+    return done is not None
 
 
 def operation_dialog(visitor: Visitor, name: str, given: Any = None, hidden: Any = ()) -> None:
@@ -161,8 +175,8 @@ def operation_dialog(visitor: Visitor, name: str, given: Any = None, hidden: Any
     operation, text = find_operation(name), visitor.text
     password: Field | None = None
 
-    def start() -> None:
-        begin(visitor, operation, form, password, lambda _: dialog.close())
+    async def start() -> None:
+        await begin(visitor, operation, form, password, lambda _: dialog.close())
 
     with ui.context.client.content, sheet(text.core(operation.summary)) as dialog:
         form = OperationForm(visitor, operation, given, hidden)

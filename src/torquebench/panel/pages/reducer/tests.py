@@ -15,7 +15,7 @@ from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.jobs.panel import JobPanel
 from torquebench.panel.pages.jobs.preview import Preview
 from torquebench.panel.pages.operations.form import OperationForm
-from torquebench.panel.pages.operations.page import begin
+from torquebench.panel.pages.operations.page import begin, unsuccessful
 from torquebench.panel.pages.page import page
 from torquebench.panel.pages.reducer.results import comparison, test_result
 from torquebench.panel.pages.visitor import Visitor
@@ -46,7 +46,7 @@ class _ReducerPage:
         test, standard = find_operation("test"), find_operation("standard-reducer")
         with self._entry:
             with panel(text("reducer.what")), box("div", "stack"):
-                given = {"test": "hysteresis"}
+                given = {"test": "hysteresis"} | unsuccessful(visitor, "test")
                 self._form = OperationForm(visitor, test, given, on_change=self._preview)
                 with box("div", "line"):
                     button(
@@ -61,7 +61,7 @@ class _ReducerPage:
                 words("summary", text.core(STANDARD_TITLE))
                 with box("div", "stack"):
                     words("p", text("standard.explained"), "muted")
-                    form = OperationForm(visitor, standard)
+                    form = OperationForm(visitor, standard, unsuccessful(visitor, STANDARD))
                     with box("div", "line"):
                         button(
                             text("standard.start"),
@@ -74,8 +74,8 @@ class _ReducerPage:
         if self._form.check():
             self._plan.show(self._form.request())
 
-    def _begin(self, operation: Operation, form: OperationForm) -> None:
-        begin(self.visitor, operation, form)
+    async def _begin(self, operation: Operation, form: OperationForm) -> None:
+        await begin(self.visitor, operation, form)
         self.refresh()
 
     def refresh(self) -> None:
