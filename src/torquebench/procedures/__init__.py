@@ -1,7 +1,7 @@
 """Procedures: Bluesky plans that can be rehearsed before anything moves.
 
-Every plan takes the bench's devices and settings, checks limits first, stops at a checkpoint of
-its own before each point, and leaves the bench without torque however it ends.
+Every plan takes the bench's devices and settings, checks limits first, has a checkpoint before each
+point, and leaves the bench without torque however it ends.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Adaptive calibration: a coarse series, a fit, the next points, and so on."""
+"""Adaptive calibration: a coarse series, then fits and new points in turn."""
 
 from __future__ import annotations
 
@@ -31,10 +31,9 @@ Result = TypeVar("Result")
 
 
 def meanwhile(work: Callable[[], Result]) -> Plan[Result | None]:
-    """Compute something on another thread while the run engine continues answering.
+    """Compute something in another thread while the run engine continues to process messages.
 
-    Simulated bench time stands meanwhile. In a rehearsal nothing is computed and the result is
-    None.
+    Simulated bench time stops meanwhile. In a rehearsal nothing is computed and the result is None.
     """
 
     async def on_thread() -> Result:
@@ -62,9 +61,9 @@ def load_adaptively(
 ) -> Plan[Placement | None]:
     """Load a coarse series, then points where they lower the model's uncertainty most.
 
-    All in one run: the zero of the coarse series holds for all points. The bench is unloaded while
-    the next points are computed. A rehearsal uses evenly spread points, up to the whole budget,
-    instead of the points still unknown.
+    All points belong to one run, so that the zero of the coarse series is valid for all. The bench
+    is unloaded while the next points are computed. A rehearsal uses evenly spread points, up to the
+    whole budget, in place of the unknown ones.
 
     Parameters
     ----------
@@ -79,26 +78,26 @@ def load_adaptively(
     data : callable
         Returns all points so far.
     template : Step
-        The last point before the placed ones, which are held as long and whose series count on
-        from its number.
+        The last point before the placed ones. These are held for the same time, and their series
+        are numbered on from its series.
     even : int
-        Points of the whole coarse series.
+        Number of points of the whole coarse series.
     earlier : int
-        Number of points of an interrupted run in `data`, before those of these steps.
+        Number of points in `data` from an interrupted run, before those of these steps.
     check : StandardCheck, optional
         See `load_staircase`.
 
     Returns
     -------
     Placement or None
-        How many points, and why; None in a rehearsal.
+        Number of points, and the reason for the end; None in a rehearsal.
     """
     settings = profile.adaptive
     assert settings is not None
     range_nm = float(devices.context.description.module(setup.side).range_nm)
     measured = earlier + sum(step.recorded for step in steps)
     rounds = -(-(settings.points - measured) // settings.points_at_a_time)
-    # Each round passes two reversals in each direction beside its points.
+    # Each round also loads full scale and back in each direction, beside its points.
     total = len(steps) + settings.points - measured + rounds * 2 * len(profile.signs)
     decisions: list[AdaptiveRound] = []
     more, done = list(steps), 0

@@ -33,11 +33,11 @@ class StaircaseResult:
     data : CalibrationData
         The recorded points in measuring order.
     unsettled : int
-        Points that were taken although their reading still drifted; they are marked in the run.
+        Number of points whose reading still drifted; they are marked in the run.
     standard_serial : str
         Serial number of the standard that was mounted.
     placement : Placement or None
-        How an adaptive calibration placed its points.
+        Number of points of an adaptive calibration, and the reason for its end.
     """
 
     data: CalibrationData
@@ -48,7 +48,7 @@ class StaircaseResult:
 
 @dataclass
 class _Table:
-    """Collects rows until the run is over."""
+    """Collector of the rows of a run."""
 
     steps: list[Step] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
@@ -91,7 +91,7 @@ def calibration_of_rows(
     nominal_nm: Sequence[float],
     position_deg: np.ndarray[Any, Any] | None = None,
 ) -> CalibrationData:
-    """Return the points of a calibration, measured today, from the fields of its steady values."""
+    """Return the points of a calibration measured today, from the fields of its steady values."""
     module = devices.context.description.module(side)
 
     def column(name: str) -> np.ndarray[Any, Any]:
@@ -132,15 +132,15 @@ def calibrate(
 ) -> Plan[StaircaseResult]:
     """Calibrate one module against the calibrator: zero, preload and the profile's staircase.
 
-    An adaptive profile continues from there with the points that it places itself. The opposite
-    module is locked. Ends without torque, drives off, however it ends.
+    With an adaptive profile, points that the model places follow. The opposite module is locked.
+    The bench is left without torque and with the drives off, however the plan ends.
 
     Parameters
     ----------
     devices : BenchDevices
     side : {"input", "output"}
     profile : Profile
-        Lays out the staircase over the module's range.
+        Profile that defines the steps over the module's range.
     resumption : Resumption, optional
         Continuation of an interrupted calibration by this profile; its earlier points are part of
         the result.
@@ -156,7 +156,7 @@ def calibrate(
     LimitError
         Before anything moves, where a step exceeds the drive's torque limit.
     BenchError
-        Standard and module contradict each other at rest, at a preload or at the first steps.
+        Standard and module differ by too much at rest, at a preload or at the first steps.
     """
     steps: Sequence[Step] = profile.staircase(_range_nm(devices, side))
     table = _Table()
@@ -182,17 +182,17 @@ def verify(
     profile : Profile
         Such as the packaged profile "verification": ten groups of 50 random points.
     steps : sequence of Step
-        The profile's staircase with its points drawn, so that a rehearsal and the run that
-        follows it meet the same points.
+        The profile's steps with the drawn points, so that a rehearsal and the following run have
+        the same points.
 
     Returns
     -------
     StaircaseResult
-        With the number of the group as `series`.
+        Points whose `series` is the number of the group.
     """
     setup = Setup("verification", side, "verification_standard", "locked")
     standard = devices.context.description.verification_standard
-    # finding errors is its purpose, so no model is compared
+    # no model is compared, because finding errors is the purpose of a verification
     check = StandardCheck(devices, side, standard, Plausibility())
     return (yield from _staircase(devices, setup, profile, steps, "verify", _Table(), check))
 

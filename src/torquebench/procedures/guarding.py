@@ -1,4 +1,4 @@
-"""Temporary limits: while a procedure runs, the supervisor allows no more than it needs."""
+"""Temporary limits: while a procedure runs, the supervisor allows only what the procedure needs."""
 
 from __future__ import annotations
 
@@ -24,16 +24,18 @@ ZERO_MARGIN = 0.02
 """Additional allowance for a zero that wasn't measured yet, as a share of the range."""
 STANDING_RPM = 5.0
 STANDING_DEG = 5.0
-"""Largest speed and angle of a clamped side: wind-up and backlash, but no slipping."""
+"""Largest speed, 1/min, and angle, degrees, of a clamped side: allows wind-up and backlash, but not
+slip."""
 RATE_MARGIN = 4.0
-"""Factor by which a torque or a speed may change faster than the drive's own rate."""
+"""Factor on the drive's own rate up to which a torque or a speed may change."""
 SPEED_MARGIN = 1.05
 SPEED_MARGIN_RPM = 30.0
-"""A drive's overshoot at the end of a ramp is proportional to its rate, not to its speed."""
+"""Allowance for a drive's overshoot at the end of a ramp, which is proportional to its rate, not to
+its speed."""
 
 
 def torque_limits(devices: BenchDevices, side: Side, largest_nm: float) -> StepLimits:
-    """Return the limits needed for loading a side up to a torque.
+    """Return the limits for loading a side up to a torque.
 
     Parameters
     ----------
@@ -56,7 +58,7 @@ def torque_limits(devices: BenchDevices, side: Side, largest_nm: float) -> StepL
 
 
 def loading_limits(devices: BenchDevices, side: Side, largest_nm: float) -> StepLimits:
-    """Return the limits needed for loading a clamped side; as `torque_limits`."""
+    """Return the limits for loading a clamped side; see `torque_limits`."""
     drive = devices.context.description.module(side).drive
     return replace(
         torque_limits(devices, side, largest_nm),
@@ -67,7 +69,7 @@ def loading_limits(devices: BenchDevices, side: Side, largest_nm: float) -> Step
 
 
 def turning_limits(devices: BenchDevices, side: Side, largest_rpm: float) -> StepLimits:
-    """Return the limits needed for turning a side up to a speed, rpm.
+    """Return the limits for turning a side up to a speed, rpm.
 
     Raises
     ------
@@ -94,9 +96,9 @@ def guarded(
     Parameters
     ----------
     plan : callable
-        Returns the plan.
+        Function that returns the plan.
     *limits : StepLimits
-        A limit that is wider than the one in force changes nothing.
+        Limits; one that is wider than the limit in force has no effect.
     """
     numbers = yield Msg("tighten", None, *limits)
 

@@ -1,7 +1,7 @@
-"""The messages of procedures: Bluesky's plan stubs without their bookkeeping, and those of a point.
+"""Messages of procedures: Bluesky's plan stubs without their bookkeeping, and those for a point.
 
-Each plan stub formats a stack trace to detect a missing `yield from`. Procedures use the stubs' own
-generators, which save that time.
+Each plan stub formats a stack trace to detect a missing `yield from`. Procedures use the stubs'
+undecorated generators, which saves that time.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ Stub = Callable[..., Generator[Msg, Any, Any]]
 Result = TypeVar("Result")
 
 checkpoint: Stub = unwrap(bps.checkpoint)
-"""Let the run be held here; tell whether it was."""
+"""Allow a pause of the run here; return whether there was one."""
 prepare: Stub = unwrap(bps.prepare)
-"""Hand settings to a device; with `wait=True` wait until it has them."""
+"""Send settings to a device; with `wait=True`, wait until it has applied them."""
 read: Stub = unwrap(bps.rd)
 """Read the value of a device without an event."""
 sleep: Stub = unwrap(bps.sleep)
@@ -42,11 +42,11 @@ sleep: Stub = unwrap(bps.sleep)
 
 
 class _LegPaused(Exception):  # noqa: N818 - no error: a pause
-    """A pause has interrupted a leg."""
+    """A pause has interrupted a leg of a procedure."""
 
 
 def leg_checkpoint() -> Generator[Msg, Any, None]:
-    """Let the run be held within a leg of `again_after_pause`, which then begins again."""
+    """Allow a pause within a leg of `again_after_pause`; after a pause the leg is repeated."""
     if (yield from checkpoint()):
         raise _LegPaused
 
@@ -55,9 +55,10 @@ def again_after_pause(
     leg: Callable[[], Generator[Msg, Any, Result]],
     restore: Callable[[], Generator[Msg, Any, None]] | None = None,
 ) -> Generator[Msg, Any, Result]:
-    """Let the run be held, then drive a leg; drive it again if it is held at a `leg_checkpoint`.
+    """Allow a pause, then drive a leg; repeat the leg after a pause at a `leg_checkpoint`.
 
-    A pause takes the torque off and stops the shafts: `restore` brings back how the leg begins.
+    A pause removes the torque and stops the shafts: `restore` is a plan that brings the bench back
+    to the state in which the leg begins.
     """
     held = yield from checkpoint()
     while True:
@@ -70,7 +71,7 @@ def again_after_pause(
 
 
 def move(*devices_and_values: Any) -> Generator[Msg, Any, None]:
-    """Set devices, each followed by its value, and wait until all are there."""
+    """Set devices, each followed by its value, and wait until all are done."""
     devices, values = devices_and_values[::2], devices_and_values[1::2]
     for device, value in zip(devices, values, strict=True):
         yield Msg("set", device, value, group=_GROUP)
@@ -85,14 +86,14 @@ def progress(done: int, total: int, message: str) -> Generator[Msg, Any, None]:
 def take(
     detector: Readable[Any], stamp: Readable[Any], *, stream: str
 ) -> Generator[Msg, Any, Mapping[str, Any]]:
-    """Trigger a detector and record its reading with a stamp as an event.
+    """Trigger a detector, and record its reading with a stamp as an event.
 
     Parameters
     ----------
     detector : Readable
-        Also Triggerable.
+        Detector, which must also be Triggerable.
     stamp : Readable
-        Says which point it is.
+        Device that states the point to which the event belongs.
     stream : str
         Name of the event stream.
 

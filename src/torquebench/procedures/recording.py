@@ -1,4 +1,4 @@
-"""Record all signals for a while; nothing is moved."""
+"""Record all signals for some time, without moving anything."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class RecordedSpan:
     Parameters
     ----------
     start_s, stop_s : float
-        Bench time, s, without the part before the start.
+        Bench time, s; data recorded before the start aren't included.
     """
 
     start_s: float
@@ -37,7 +37,7 @@ class RecordedSpan:
 def record_signals(
     devices: BenchDevices, ended: threading.Event, *, duration_s: float | None = None
 ) -> Plan[RecordedSpan]:
-    """Wait while the run's folder records every sample, until the recording is ended.
+    """Wait until the recording is ended, while the run's folder stores every sample.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def record_signals(
     ended : threading.Event
         Set to end the recording.
     duration_s : float, optional
-        Ends it after so long; without it only `ended` does, or a day.
+        Duration after which the recording ends; by default it ends with `ended`, or after a day.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def record_signals(
             gone_s = int(clock.now() - start_s)
             text = Message("{gone_s} s recorded", gone_s)
             yield from progress(gone_s, 0 if duration_s is None else round(longest_s), text)
-            if clock.fast and duration_s is None:  # otherwise a day would pass at once
+            if clock.fast and duration_s is None:  # otherwise a whole day would pass at once
                 ended.wait(POLL_INTERVAL_S)
             yield from sleep(min(POLL_INTERVAL_S, left_s))
         spans.append(RecordedSpan(start_s, clock.now()))

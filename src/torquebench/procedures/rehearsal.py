@@ -1,7 +1,7 @@
 """Rehearsal of a plan before anything moves: its messages change a model of the bench's state.
 
-The rehearsal uses the same plan as the run. Each device's `rehearse` checks a command as its `set`
-does, but against the planned mounting, clamping and coupling, which it then changes.
+The rehearsal uses the same plan as the run. The `rehearse` of each device checks a command like its
+`set`, but against the planned state of mounting, clamp and modes, which it then changes.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ ROOM_C = 23.0
 
 @dataclass(frozen=True)
 class Move:
-    """One command of a plan and when it comes.
+    """One command of a plan with its time.
 
     Parameters
     ----------
     time_s : float
-        Bench time since the plan's start, without waiting longer for settling, s.
+        Bench time since the plan's start, without additional waiting for settling, s.
     device : str
         Commanded quantity.
     value : object
@@ -59,11 +59,11 @@ class Rehearsal(Generic[Result]):
     points : int
         Events that would be recorded in the stream "points".
     steps : int
-        Steps that the plan's progress counts; 0 where it can't know.
+        Number of steps in the plan's progress; 0 if unknown.
     duration_s : float
-        Bench time that it takes, without waiting longer for settling, s.
+        Duration in bench time, without additional waiting for settling, s.
     result : object
-        Return value of the plan if every reading equals its command.
+        Return value of the plan, if every reading equals its command.
     """
 
     moves: list[Move]
@@ -83,14 +83,14 @@ class Rehearsal(Generic[Result]):
 
 
 def rehearse(devices: BenchDevices, plan: Plan[Result]) -> Rehearsal[Result]:
-    """Rehearse a plan without moving anything, and refuse it where the bench would.
+    """Rehearse a plan without moving anything, and refuse it if the bench would refuse it.
 
     Parameters
     ----------
     devices : BenchDevices
-        Their present state is where the rehearsal starts; they aren't commanded.
+        Devices, which aren't commanded; the rehearsal starts from their present state.
     plan : generator
-        The plan; it is used up.
+        The plan; it is consumed.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def rehearse(devices: BenchDevices, plan: Plan[Result]) -> Rehearsal[Result]:
 
 
 class _Stage:
-    """The planned bench: the devices of a rehearsal change it."""
+    """The planned bench, whose state the devices change in a rehearsal."""
 
     def __init__(self, devices: BenchDevices) -> None:
         self.devices = devices
@@ -146,7 +146,7 @@ class _Stage:
     # -- messages ---------------------------------------------------------------------------
 
     def answer(self, message: Msg) -> Any:
-        """Apply a message to the predicted state, as the run engine would to the bench."""
+        """Apply a message to the planned state, as the run engine would apply it to the bench."""
         if message.command == "set":
             self._begin(message)
         elif message.command == "wait":
@@ -174,7 +174,7 @@ class _Stage:
         return None
 
     def _begin(self, message: Msg) -> None:
-        """Set a device; devices set in one group move at the same time."""
+        """Set a device; devices that are set in one group move at the same time."""
         group, began_s = message.kwargs.get("group"), self.now_s
         self._set(message.obj, message.args[0])
         if group is not None:
@@ -182,7 +182,7 @@ class _Stage:
             self.now_s = began_s
 
     def _set(self, device: Any, value: Any) -> None:
-        rehearse = getattr(device, "rehearse", None)  # without it nothing depends on it
+        rehearse = getattr(device, "rehearse", None)  # without a reading nothing depends on it
         if rehearse is not None:
             self.now_s += rehearse(self.planned, value) or 0.0
         if isinstance(device, Device) and device is not self.devices.point:
@@ -194,7 +194,7 @@ class _Stage:
         return self._settings.get(id(steady), SteadySettings())
 
     def _read(self, message: Msg) -> dict[str, Any]:
-        """Return what a device would state if every drive followed its commands."""
+        """Return what a device would read if every drive followed its commands."""
         device: Any = message.obj
         getter = self._readings.get(id(device))
         if getter is not None:

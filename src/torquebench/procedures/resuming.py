@@ -1,4 +1,4 @@
-"""Resume an interrupted loading sequence: zero and preload again, then the interrupted series."""
+"""Resume an interrupted loading sequence: repeat zero and preload, then the interrupted series."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class Resumption:
     Parameters
     ----------
     steps : tuple of Step
-        Preloads and zero again, then the profile's steps from the interrupted series on.
+        Repeated preloads and zero, then the profile's steps from the interrupted series on.
     earlier : tuple of (Step, Row)
-        Acknowledged points of the complete series before, in measuring order; bench times are
-        shifted to before this run's.
+        Acknowledged points of the earlier complete series, in measuring order; their bench times
+        are shifted to before this run.
     """
 
     steps: tuple[Step, ...]
@@ -31,14 +31,15 @@ class Resumption:
 
 
 def complete_series(steps: Sequence[Step], taken: Collection[tuple[int, int]]) -> tuple[int, ...]:
-    """Return the series, from the first on, of which every point was taken.
+    """Return the leading series of which every point was measured.
 
-    A series after an incomplete one doesn't count: the chain's memory goes through them in order.
+    A complete series after an incomplete one doesn't count, because the chain's hysteresis depends
+    on the order of the series.
 
     Parameters
     ----------
     steps : sequence of Step
-        Of the whole calibration.
+        Steps of the whole calibration.
     taken : collection of (series, index)
         Points that were acknowledged.
 
@@ -61,11 +62,11 @@ def complete_series(steps: Sequence[Step], taken: Collection[tuple[int, int]]) -
 
 
 def steps_from(steps: Sequence[Step], series: int) -> tuple[Step, ...]:
-    """Return the steps that continue with a series: its preloads and its zero again, then the rest.
+    """Return the steps that continue with a series: its repeated preloads and zero, then the rest.
 
     Preloads and zero are the last ones before the series, in their order. If the series isn't the
-    first of its mounting position, the standard is seated in it again, since it may have been moved
-    meanwhile.
+    first in its mounting position, the standard is seated in this position again, because it may
+    have been moved meanwhile.
 
     Raises
     ------
@@ -84,15 +85,15 @@ def steps_from(steps: Sequence[Step], series: int) -> tuple[Step, ...]:
 
 
 def steps_again(steps: Sequence[Step], points: Collection[tuple[int, int]]) -> tuple[Step, ...]:
-    """Return the steps that measure single points again, each where its series has met it.
+    """Return the steps that measure single points again, with the history of their series.
 
     Each series is prepared as after an interruption and loaded up to its last such point, so that
-    the chain has the same memory; only these points are recorded.
+    the chain's hysteresis is the same; only these points are recorded.
 
     Parameters
     ----------
     steps : sequence of Step
-        Of the whole calibration.
+        Steps of the whole calibration.
     points : collection of (series, index)
         Points to be measured again.
 
@@ -119,7 +120,7 @@ def steps_again(steps: Sequence[Step], points: Collection[tuple[int, int]]) -> t
 
 
 def preparation(before: Sequence[Step]) -> tuple[Step, ...]:
-    """Return the preloads and the zero that are done again after an interruption.
+    """Return the preloads and the zero that are repeated after an interruption.
 
     Parameters
     ----------
@@ -146,7 +147,7 @@ def preparation(before: Sequence[Step]) -> tuple[Step, ...]:
 
 
 def _last_preloads(before: Sequence[Step]) -> list[int]:
-    """Return the numbers of the last group of preloads before a series."""
+    """Return the indices of the last group of preloads before a series."""
     found: list[int] = []
     for number in range(len(before) - 1, -1, -1):
         if before[number].kind == "preload":

@@ -1,4 +1,4 @@
-"""Bring the bench into the state that a procedure needs, and back."""
+"""Preparation of the bench for a procedure, and its return to the unloaded state."""
 
 from __future__ import annotations
 
@@ -34,9 +34,10 @@ Plan = Generator[Msg, Any, Result]
 """A plan: messages for the run engine, and a return value."""
 
 REST_S = 0.3
-"""Waiting time of a module after its torque went to zero, s of bench time."""
+"""Waiting time after a module's torque went to zero, s of bench time."""
 RUN_DOWN_S = 15.0
-"""Time after which shafts without power stand, s of bench time; otherwise something drives them."""
+"""Time after which shafts without power are at standstill, s of bench time; otherwise something
+drives them."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Setup:
 
 
 class ProcedureGate(Movable[ProcedureKind]):
-    """Asks the interlocks, at the time when the plan gets there, whether a procedure may start."""
+    """Device that checks, when the plan reaches it, whether the interlocks allow a procedure."""
 
     name = "procedure_gate"
     parent = None
@@ -76,7 +77,7 @@ class ProcedureGate(Movable[ProcedureKind]):
         check_procedure(self._state, value)
 
     def rehearse(self, planned: PlannedState, value: ProcedureKind) -> None:
-        """Raise InterlockError unless the part that is mounted then fits."""
+        """Raise InterlockError unless the part mounted by then fits the procedure."""
         check_procedure(planned, value)
 
 
@@ -92,7 +93,7 @@ def start_metadata(
     points : int
         Number of events that will be recorded.
     side : {"input", "output"}, optional
-        The module that is measured, where it is one.
+        Measured module, if there is one.
     **more
         Further entries.
     """
@@ -124,7 +125,7 @@ def other_side(side: Side) -> Side:
 
 
 def set_up(devices: BenchDevices, setup: Setup) -> Plan[None]:
-    """Mount, clamp and couple as the procedure needs; both drives are off afterwards.
+    """Mount, clamp and set modes as the procedure needs; afterwards both drives are off.
 
     Raises
     ------
@@ -145,14 +146,14 @@ def set_up(devices: BenchDevices, setup: Setup) -> Plan[None]:
 
 
 def mount(devices: BenchDevices, mounting: Mounting) -> Plan[None]:
-    """Have something mounted: the guide rail is drawn back for it, where the bench moves one."""
+    """Ask for a mounting; a guide rail that the bench controls is moved away for it."""
     if devices.context.drivers.rail is not None:
         yield from move(devices.rail, "away")
     yield from move(devices.mounting, mounting)
 
 
 def rail_to_end(devices: BenchDevices) -> Plan[None]:
-    """Bring the input module to where it is clamped, unless it is there."""
+    """Move the input module to its position for clamping, unless it is there."""
     if devices.context.drivers.rail is None:
         return
     position = yield from read(devices.rail.position)
@@ -161,7 +162,7 @@ def rail_to_end(devices: BenchDevices) -> Plan[None]:
 
 
 def reseat(devices: BenchDevices, setup: Setup, seating: Seating) -> Plan[None]:
-    """Let the operator turn or re-seat the standard, and restore the setup."""
+    """Ask the operator to turn or re-seat the standard, and restore the setup."""
     yield from power_off(devices)
     yield from move(devices.clamp, False)
     yield from move(devices.seat, seating)
@@ -169,7 +170,7 @@ def reseat(devices: BenchDevices, setup: Setup, seating: Seating) -> Plan[None]:
 
 
 def set_mode(devices: BenchDevices, side: Side, mode: Mode) -> Plan[None]:
-    """Change a module's mode once both sides stand, unless it is in that mode already."""
+    """Change a module's mode at standstill, unless the module is already in this mode."""
     module = devices.module(side)
     present = yield from read(module.mode.mode)
     if present != mode:
@@ -178,7 +179,7 @@ def set_mode(devices: BenchDevices, side: Side, mode: Mode) -> Plan[None]:
 
 
 def run_down(devices: BenchDevices) -> Plan[None]:
-    """Wait until both sides stand: without power their own friction brakes them.
+    """Wait until both sides are at standstill: without power their own friction stops them.
 
     If a side continues turning, the interlocks refuse the next operation.
     """
@@ -204,7 +205,7 @@ def power_on(devices: BenchDevices, side: Side) -> Plan[None]:
 
 
 def power_off(devices: BenchDevices) -> Plan[None]:
-    """Bring every enabled drive to zero torque and zero speed and take its power off."""
+    """Ramp every enabled drive to zero torque and speed, and switch its power off."""
     for module in (devices.input, devices.output):
         enabled = yield from read(module.drive.power.enabled)
         if not enabled:
@@ -218,9 +219,9 @@ def power_off(devices: BenchDevices) -> Plan[None]:
 
 
 def unloaded_after(devices: BenchDevices, plan: Callable[[], Plan[Result]]) -> Plan[Result]:
-    """Run a plan and leave the bench without torque, however the plan ends.
+    """Run a plan, and leave the bench without torque however the plan ends.
 
-    The safe state below the run engine doesn't rely on this: a halt skips it.
+    The supervisor's safe state doesn't depend on this, because a halt skips it.
     """
     result: Result = yield from bpp.finalize_wrapper(plan(), lambda: power_off(devices))
     return result
@@ -233,7 +234,7 @@ def measured_in(
     metadata: dict[str, Any],
     *limits: StepLimits,
 ) -> Plan[str]:
-    """Set the bench up and measure in one run; return the serial number of the mounted standard.
+    """Prepare the bench and measure in one run; return the serial number of the mounted standard.
 
     The bench is without torque afterwards. Without a standard the serial number is empty.
 
@@ -242,11 +243,11 @@ def measured_in(
     setup : Setup
     devices : BenchDevices
     measuring : Plan
-        What the run records.
+        Plan that measures within the run.
     metadata : dict of str to object
-        Of the start document.
+        Additional entries of the start document.
     *limits : StepLimits
-        What the whole procedure needs at most.
+        Limits of the whole procedure.
     """
     standard = devices.context.description.standard(setup.mounting)
     known = {} if standard is None else {"standard_serial": standard.serial}

@@ -1,4 +1,4 @@
-"""Load a sequence of steps and take a steady value at each recorded one."""
+"""Load a sequence of steps, and measure a steady value at each recorded step."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SETTLE_SHARE = 0.4
 
 
 def steady_settings(step: Step) -> SteadySettings:
-    """Return how the steady value of a step is taken.
+    """Return the settings for the steady value of a step.
 
     Examples
     --------
@@ -51,7 +51,7 @@ def steady_settings(step: Step) -> SteadySettings:
 
 
 def describe_step(step: Step) -> str:
-    """Return a step in words for progress lines.
+    """Return a description of a step for progress lines.
 
     Examples
     --------
@@ -86,7 +86,7 @@ class _Loader:
     settings: SteadySettings | None = None
 
     def run(self, on_row: Callable[[Step, Row], None]) -> Plan[None]:
-        # From here on the standard is monitored, also during a preload.
+        # From here on the standard is monitored, also during preloads.
         yield from prepare(self._module.steady, SteadySettings(reference=True), wait=True)
         yield from power_on(self.devices, self.setup.side)
         for number, step in enumerate(self.steps):
@@ -115,7 +115,7 @@ class _Loader:
         side = self.setup.side
         zeroed = yield from zero(self.devices, side, duration_s=step.duration_s, standard=True)
         yield from self._checked(TakenStep(step, standard_zero=zeroed.standard_signal))
-        self.settings = None  # a zero has its own
+        self.settings = None  # zeros are recorded separately
 
     def _load(self, step: Step) -> Plan[None]:
         yield from move(self._module.drive.torque, step.nominal_nm)
@@ -132,7 +132,7 @@ class _Loader:
         yield from move(self.devices.point, point)
 
     def _point(self, step: Step) -> Plan[Row]:
-        """Load one step and take its steady value."""
+        """Load one step, and measure its steady value."""
         steady = self._module.steady
         wanted = steady_settings(step)
         if wanted != self.settings:
@@ -150,7 +150,7 @@ class _Loader:
             yield from move(self.check, taken)
 
     def _return_to_branch(self, number: int) -> Plan[None]:
-        """Restore the chain's memory after a pause at zero torque.
+        """Restore the chain's hysteresis after a pause at zero torque.
 
         A rising branch from zero is the same as before the pause; a falling branch needs the
         turning point of its series again.
@@ -161,7 +161,7 @@ class _Loader:
             yield from sleep(step.duration_s)
 
     def turning_point(self, number: int) -> float:
-        """Torque at which the falling branch of a step began."""
+        """Return the torque at which the falling branch of a step began."""
         target = 0.0
         for step in reversed(self.steps[: number + 1]):
             if step.kind == "zero" or step.nominal_nm * target < 0.0:
@@ -187,9 +187,8 @@ def load_staircase(
 ) -> Plan[None]:
     """Load the steps of a sequence, with a checkpoint before each.
 
-    Runs inside an open run; points go to its stream "points", zeros to a separate one. After a
-    pause, which takes the load off, the present branch is approached again as its series approached
-    it.
+    A run must be open; points go to its stream "points", zeros to a separate one. After a pause,
+    which removes the load, the present branch is approached again as in its series.
 
     Parameters
     ----------
@@ -197,11 +196,11 @@ def load_staircase(
     setup : Setup
         Setup of the run; used again for steps that re-seat the standard.
     steps : sequence of Step
-        From `Profile.staircase`.
+        Steps from `Profile.staircase`.
     on_row : callable
         Called with every recorded step and its steady value by field.
     done, total : int
-        For progress, if these steps are part of a run: number of steps before them, and of all.
+        For the progress, if these steps are part of a run: number of earlier steps, and of all.
     check : StandardCheck, optional
         Compares the standard with the module before and at the first steps.
     """

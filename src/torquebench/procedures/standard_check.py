@@ -1,4 +1,4 @@
-"""Before a series: the standard against the module, which carries the same torque."""
+"""Comparison of the standard with the module, which carries the same torque, before a series."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from torquebench.message import Message
 __all__ = ["PairedTorque", "StandardCheck", "TakenStep", "check_pair", "check_zero"]
 
 WINDOW_SHARE = 0.6
-"""Share of a preload's duration that is averaged: the end, after it has settled."""
+"""Share of a preload's duration, at its end, that is averaged."""
 NOISE_FACTOR = 3.0
 LEAST_WINDOWS = 2
 
 
 @dataclass(frozen=True)
 class PairedTorque:
-    """Torque that a module and the standard on its side read at the same time.
+    """Torques that a module and the standard on its side read at the same time.
 
     Parameters
     ----------
     reading_nm, standard_nm : float
-        N·m, from the unloaded state.
+        Torques relative to the unloaded state, N·m.
     standard_error_nm : float
-        Of their difference, by their own noise, N·m.
+        Standard error of their difference due to noise, N·m.
     temperature_c, standard_temperature_c : float
-        NaN where none is measured.
+        Temperatures; NaN if not measured.
     """
 
     reading_nm: float
@@ -51,7 +51,7 @@ class PairedTorque:
     standard_temperature_c: float = math.nan
 
     def since(self, unloaded: PairedTorque) -> PairedTorque:
-        """Return what a load added."""
+        """Return the torques relative to an unloaded pair."""
         return PairedTorque(
             self.reading_nm - unloaded.reading_nm,
             self.standard_nm - unloaded.standard_nm,
@@ -64,7 +64,7 @@ class PairedTorque:
 def check_zero(
     description: BenchDescription, side: Side, standard: StandardDescription, zero_nm: float
 ) -> None:
-    """Refuse a standard that states a torque without load.
+    """Refuse a standard that shows a torque without load.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def check_zero(
     Raises
     ------
     BenchError
-        It is larger than what the bench calls unloaded.
+        It exceeds the largest torque that counts as unloaded.
     """
     allowed_nm = description.unloaded_nm(side)
     if not abs(zero_nm) <= allowed_nm:
@@ -98,11 +98,11 @@ def check_pair(
     limits: Plausibility,
     before: ActiveChain | None = None,
 ) -> None:
-    """Refuse a series whose standard and module differ by more than what is stated of both.
+    """Refuse a series if standard and module differ by more than their uncertainties allow.
 
-    With a model in use its torque is compared, within U of both and the change that the profile
-    allows. Without one the reading is compared, within the profile's limit of the span or, where
-    it states none, within `safety.disagreement_percent`.
+    With a model in use, its torque is compared, within U of both and the change that the profile
+    allows. Without a model, the reading is compared, within the profile's limit of the span or, by
+    default, within `safety.disagreement_percent`.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def check_pair(
 
 
 def _torque_of(before: ActiveChain, pair: PairedTorque) -> tuple[float, float] | None:
-    """Return torque and U by the model in use; None where it doesn't reach."""
+    """Return torque and U by the model in use; None outside its range."""
     readings = Readings(
         np.array([pair.reading_nm]),
         branch=np.array([1.0]),
@@ -177,7 +177,7 @@ def _torque_of(before: ActiveChain, pair: PairedTorque) -> tuple[float, float] |
 
 
 class TakenStep(NamedTuple):
-    """A step that was just taken.
+    """A step that has just been measured.
 
     Parameters
     ----------
@@ -194,10 +194,10 @@ class TakenStep(NamedTuple):
 
 
 class StandardCheck(Movable[TakenStep]):
-    """Compares a module with its standard at every load that is larger than all before.
+    """Compares a module with its standard at every load that exceeds all earlier ones.
 
-    `set` takes each step: at the end of a preload and of the rest after it both are read, a point
-    brings its row, a zero that of the standard.
+    `set` gets each step: at the end of a preload and of the rest after it, both are read; a point
+    comes with its row, a zero with that of the standard.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ class StandardCheck(Movable[TakenStep]):
     side : {"input", "output"}
     standard : StandardDescription
     limits : Plausibility
-        Of the profile.
+        Limits in the profile.
     before : ActiveChain, optional
         The model in use so far.
     """
@@ -228,11 +228,11 @@ class StandardCheck(Movable[TakenStep]):
         self._before = before
         self._loaded: tuple[float, PairedTorque] | None = None
         self._compared = {1.0: 0.0, -1.0: 0.0}
-        """Largest torque of each direction that was compared, N·m."""
+        """Largest compared torque of each direction, N·m."""
 
     @AsyncStatus.wrap
     async def set(self, value: TakenStep) -> None:
-        """Take a step. Raises BenchError, see `check_zero` and `check_pair`."""
+        """Check a step. Raises BenchError, see `check_zero` and `check_pair`."""
         step, row, zero = value
         if zero is not None:
             channel = self._context.acquisition.channel(reference_channel(self._side))
@@ -258,7 +258,7 @@ class StandardCheck(Movable[TakenStep]):
         check_pair(description, self._side, self._standard, pair, self._limits, self._before)
 
     def _dwell(self, window_s: float) -> PairedTorque | None:
-        """Return both torques over the last time; None while one of them has no valid signal."""
+        """Return both mean torques over the last `window_s`; None while one has no valid signal."""
         acquisition, now_s = self._context.acquisition, self._context.clock.now()
         values: list[tuple[float, float]] = []
         for channel in (torque_channel(self._side), reference_channel(self._side)):

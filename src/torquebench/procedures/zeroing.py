@@ -1,4 +1,4 @@
-"""Zeros: the beginning of every series."""
+"""Measurement of zeros, with which every series begins."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class ZeroResult:
     Parameters
     ----------
     signal : float
-        Of the module's transducer, unloaded, in the unit of its signal.
+        Signal of the module's unloaded transducer, in its unit.
     standard_uncertainty_nm : float
         Standard error of that mean, N·m.
     standard_signal : float or None
-        Of the mounted standard's transducer; None without one on the counters.
+        Signal of the mounted standard's transducer; None if the counters have none.
     """
 
     signal: float
@@ -45,12 +45,11 @@ class ZeroResult:
 def zero(
     devices: BenchDevices, side: Side, *, duration_s: float = 1.0, standard: bool = False
 ) -> Plan[ZeroResult]:
-    """Measure the unloaded zero and take it for zero torque from then on.
+    """Measure the unloaded zero, and use it from then on.
 
-    The drive is powered off and the module set free meanwhile, since a drive at 0 N·m still has its
-    loading error. Afterwards the module is driven again, drive enabled.
-
-    Runs inside an open run and records an event in its stream "zero_input" or "zero_output".
+    The drive is powered off and the module set free meanwhile, because a drive at 0 N·m still has
+    its loading error. Afterwards the module is driven again, with the drive enabled. A run must be
+    open; an event is recorded in its stream "zero_input" or "zero_output".
 
     Parameters
     ----------
@@ -59,7 +58,7 @@ def zero(
     duration_s : float
         Length of the averaging window, s.
     standard : bool
-        Also zero the mounted standard's transducer of this side.
+        Whether to zero the mounted standard's transducer of this side as well.
 
     Returns
     -------
@@ -74,7 +73,7 @@ def zero(
 def measure_zero(
     devices: BenchDevices, side: Side, *, duration_s: float, standard: bool = False
 ) -> Plan[ZeroResult]:
-    """Power off, set free, measure the zero and take it; the module stays free."""
+    """Power off, set the module free, measure the zero and use it; the module stays free."""
     module = devices.module(side)
     yield from power_off(devices)
     yield from set_mode(devices, side, "free")
@@ -97,7 +96,7 @@ def measure_zero(
 def zero_modules(
     devices: BenchDevices, sides: Sequence[Side] = SIDES, *, duration_s: float = 1.0
 ) -> Plan[dict[Side, ZeroResult]]:
-    """Zero modules as they stand, both set free and unloaded; drives are off afterwards.
+    """Zero modules, set free and unloaded, without driving them again; the drives are off.
 
     Returns
     -------

@@ -1,8 +1,8 @@
 """From pulses to torque and steady values.
 
-Edge times of the transducers' frequency outputs become frequency per window with its standard
-uncertainty, torque by measured zero and per-direction sensitivity, and the steady value of a step.
-An invalid signal is a typed fault, never a number.
+Edge times of the transducers' frequency outputs become a frequency per window with its standard
+uncertainty, a torque by the measured zero and the sensitivity of each direction, and the steady
+value of a step. An invalid signal becomes a fault with a kind, never a number.
 """
 
 import lazy_loader

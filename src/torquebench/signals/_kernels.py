@@ -2,7 +2,7 @@
 
 Every counter is a quotient of two integers: a numerator in ticks and a denominator in edges. A
 result depends only on the edges in its window and is the same to the last bit however the stream
-was cut. Integer sums also vectorise, where the same loop over floats must keep its order and runs
+was cut. Integer sums can also be vectorised, while a loop over floats must keep its order and is
 eight times slower.
 """
 
@@ -40,7 +40,7 @@ def _irregular(ticks, low, high, stop):  # type: ignore[no-untyped-def] # Numba 
 
 @inner
 def _sum(ticks, low, high):  # type: ignore[no-untyped-def] # Numba infers
-    # Passing a slice would count references, which costs as much as a short sum.
+    # Passing a slice would count references, which takes as long as a short sum.
     window = ticks[low:high]
     total = int64(0)
     for i in range(window.size):
@@ -50,10 +50,10 @@ def _sum(ticks, low, high):  # type: ignore[no-untyped-def] # Numba infers
 
 @inner
 def slope_and_intervals(ticks, low, high):  # type: ignore[no-untyped-def] # Numba infers
-    """Sum of (2i + 1 − n)·ticks[low + i] over n edges, and their shortest and longest interval.
+    """Return Σ (2i + 1 − n)·ticks[low + i] over n edges, and their shortest and longest interval.
 
-    An interval belongs to the edge at its end. The weights add up to zero, so absolute ticks need
-    no origin, and a sum that overflows on its way comes back right: 64-bit integers wrap around.
+    An interval belongs to the edge at its end. The weights add up to zero, so that absolute ticks
+    need no origin, and an intermediate overflow cancels, because 64-bit integers wrap around.
     """
     shortest = int64(2**62)
     longest = int64(-(2**62))
@@ -78,7 +78,7 @@ def _first_out_of_order(ticks, low, high):  # type: ignore[no-untyped-def] # Num
 
 @inner
 def _count_train(ticks, begin, starts, stops, method, check, edges, numerator, fault):  # type: ignore[no-untyped-def] # Numba infers
-    """Count one train over windows; `begin` is about the first edge of the first window.
+    """Count a pulse train over windows; `begin` is near the first edge of the first window.
 
     Returns the first edge that isn't later than the one before it (-1 for none), and the edge
     after the last window.
@@ -130,7 +130,7 @@ def _count_train(ticks, begin, starts, stops, method, check, edges, numerator, f
 
 @inner
 def _denominators(edges, method, denominator):  # type: ignore[no-untyped-def] # Numba infers
-    """T = numerator/denominator in ticks per edge; for the regression T is six times that."""
+    """Fill `denominator`: T = numerator/denominator, ticks per edge (6·T for the regression)."""
     if method == REGRESSION:
         for k in range(edges.size):
             denominator[k] = edges[k] * (edges[k] * edges[k] - 1)
@@ -145,7 +145,7 @@ def _denominators(edges, method, denominator):  # type: ignore[no-untyped-def] #
 
 @inner
 def _largest(edges, starts, stops):  # type: ignore[no-untyped-def] # Numba infers
-    """Largest product of edges² and ticks of a window, which bounds its sums."""
+    """Return the largest product of edges² and ticks in a window, which bounds its sums."""
     largest = 0.0
     for k in range(edges.size):
         largest = max(largest, float(edges[k]) * float(edges[k]) * float(stops[k] - starts[k]))
@@ -157,13 +157,13 @@ def _convert(  # type: ignore[no-untyped-def] # Numba infers
     starts, stops, numerator, denominator, edges, fault, method, timebase, edge_noise,
     time, frequency, uncertainty,
 ):  # fmt: skip
-    """Turn quotients into frequency and standard uncertainty; NaN where there is a fault.
+    """Convert quotients to frequency and standard uncertainty; NaN for a window with a fault.
 
     Returns how many windows are SUSPECT.
     """
     scale = timebase / 6.0 if method == REGRESSION else timebase
-    # Sum of the edges' squared weights: n(n² − 1)/3 here, since the numerator lacks a factor
-    # of 6; n; and 2.
+    # Sum of the edges' squared weights for the three methods: n(n² − 1)/3 (the numerator lacks a
+    # factor of 6), n, and 2.
     by_parts = 1.0 / 3.0 if method == REGRESSION else 0.0
     by_edges = 1.0 if method == TRIANGULAR else 0.0
     constant = 2.0 if method == RECIPROCAL else 0.0
@@ -187,19 +187,19 @@ def _convert(  # type: ignore[no-untyped-def] # Numba infers
 def count(  # type: ignore[no-untyped-def] # Numba infers
     ticks, starts, stops, method, check, timebase, edge_noise, time, frequency, uncertainty, fault
 ):  # fmt: skip
-    """Count the edges of windows [starts[k], stops[k]), neither of which decreases.
+    """Count the edges in windows [starts[k], stops[k]), of which neither bound decreases.
 
     Parameters
     ----------
     ticks : int64 array, shape (m,)
-        Increasing edges, with the two edges before the first window where the stream has them.
+        Increasing edges, including the two edges before the first window if they exist.
     starts, stops : int64 arrays, shape (n,)
         Windows in ticks.
     method : int
         One of this module's method numbers.
     check : bool
-        Mark irregular trains as SUSPECT: two successive intervals differ by more than a half,
-        or more than one and a half are missing at the end.
+        Whether to mark irregular trains as SUSPECT: two successive intervals differ by more than a
+        half, or more than one and a half intervals are missing at the end.
     timebase : float
         Timebase in Hz.
     edge_noise : float
@@ -216,7 +216,8 @@ def count(  # type: ignore[no-untyped-def] # Numba infers
     suspects : int
         Number of SUSPECT windows.
     largest_sum : float
-        Bound of the largest sum: the most edges in a window, squared, times its length in ticks.
+        Bound of the largest sum: the largest number of edges in a window, squared, times its length
+        in ticks.
     """
     size = min(_GROUP, starts.size)
     sums = np.empty((2, size), dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Counters: edge times in, frequency per window out, independent of how the stream is cut."""
+"""Counters: conversion of edge times to a frequency per window, however the stream is divided."""
 
 from __future__ import annotations
 
@@ -27,22 +27,23 @@ _NUMBERS: dict[str, int] = {
 }
 # Edges² x ticks of a window: a regression's sum is at most a sixth of it, and must stay below 2^63.
 _LARGEST_SUM = 2.0**65
-# Edges before a window that its check for irregular intervals needs.
+# Number of edges before a window that its check for irregular intervals needs.
 _EDGES_BEFORE = 2
-# This few windows are joined with the stored edges and counted at once, which costs less than a
-# second call.
+# Up to this number of windows, new and stored edges are joined and counted together, which takes
+# less time than a second call.
 _FEW_WINDOWS = 8
-# Shares of the period: an interval above the first lacks pulses, an edge nearer than the second
-# to the one before it is a doubled one. A pulse that splits a period splits off one part below.
+# Shares of the period: in an interval above the first share, pulses are missing; an edge closer to
+# the one before than the second share is doubled. A surplus pulse always splits off an interval
+# shorter than this.
 _LONG = 1.5
 _SHORT = 0.6
-# Quantile of the intervals that is taken as the period: above the median, so that a train in which
-# every pulse is doubled still shows its long intervals.
+# Quantile of the intervals that is used as the period: above the median, so that it is right even
+# if every pulse is doubled.
 _PERIOD_QUANTILE = 0.7
 
 
 class FrequencyCounter:
-    """Counter on a stream of edge blocks, with its state carried over block borders exactly.
+    """Counter of a stream of edge blocks, whose state is carried exactly from block to block.
 
     Windows are on a fixed grid of the timebase: window k covers the ticks [k·window, (k + 1)·
     window), so all channels of one timebase share their windows, and a stream cut anywhere gives
@@ -70,7 +71,7 @@ class FrequencyCounter:
     edge_jitter_s : float
         Standard deviation σ_j of the edges' own time noise in seconds, for the uncertainty.
     check_train : bool
-        Look for missing and doubled pulses; a window that has one is a fault.
+        Whether to look for missing and doubled pulses; a window with one is a fault.
 
     Raises
     ------
@@ -122,10 +123,10 @@ class FrequencyCounter:
         self._lost_until: int | None = None
 
     def push(self, block: EdgeBlock) -> Record:
-        """Take the next block; return the windows that it completes.
+        """Count the next block; return the windows that it completes.
 
-        A block that starts after the one before it stopped leaves a gap: the windows that touch
-        the gap have the fault LOST_DATA.
+        If a block starts later than the previous one stopped, there is a gap: windows that touch it
+        have the fault LOST_DATA.
 
         Returns
         -------
@@ -160,7 +161,7 @@ class FrequencyCounter:
         return record
 
     def _accept(self, block: EdgeBlock) -> None:
-        """Check that a block continues the stream, and note a gap before it."""
+        """Check that a block continues the stream, and record a gap before it."""
         if block.timebase_hz != self.timebase_hz:
             raise InputError(
                 Message("block with a timebase of {timebase_hz} Hz", block.timebase_hz),
@@ -181,7 +182,7 @@ class FrequencyCounter:
         self._stop_tick = block.stop_tick
 
     def _count(self, ticks: Ticks, starts: Ticks, stops: Ticks) -> Record:
-        """Count windows: those that begin before these edges together with the kept ones."""
+        """Count windows; for those that begin before the new edges, use the stored edges, too."""
         size = starts.size
         time_s, frequency, uncertainty = np.empty(size), np.empty(size), np.empty(size)
         fault = np.empty(size, dtype=np.uint8)
@@ -208,7 +209,7 @@ class FrequencyCounter:
         )
 
     def _keep(self, ticks: Ticks, from_tick: int) -> None:
-        """Keep what windows from a tick on need."""
+        """Store the edges that windows from a tick on need."""
         first = int(ticks.searchsorted(from_tick))
         if first >= _EDGES_BEFORE:
             self._kept = ticks[first - _EDGES_BEFORE :].copy()
@@ -225,7 +226,7 @@ class FrequencyCounter:
         stops: Ticks,
         check: bool,
     ) -> None:
-        """Count windows into columns; if `check`, inspect those with an irregular train."""
+        """Count windows into columns; with `check`, inspect windows with an irregular train."""
         wrong, suspects, largest = _kernels.count(
             ticks,
             starts,
@@ -266,14 +267,14 @@ class FrequencyCounter:
 
 
 class Irregularities(NamedTuple):
-    """Pulses that are missing from, or doubled in, a stretch of a train.
+    """Missing and doubled pulses in an interval of a pulse train.
 
     Parameters
     ----------
     missing, doubled : int
-        How many.
+        Number of missing and of doubled pulses.
     stopped : bool
-        True when the train had stopped before the stretch ended.
+        Whether the train had stopped before the end of the interval.
     """
 
     missing: int
@@ -289,7 +290,7 @@ def irregularities(ticks: NDArray[np.int64], stop_tick: int | None = None) -> Ir
     ticks : int64 array, shape (n,)
         Edges, increasing.
     stop_tick : int, optional
-        End of the stretch, to see whether the train stopped before it.
+        End of the interval, to check whether the train stopped before it.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Faults of a pulse train, as codes for arrays and as one error with its kind."""
+"""Faults of a pulse train: codes for arrays, and an error with the kind of the fault."""
 
 from enum import IntEnum
 
@@ -8,7 +8,7 @@ __all__ = ["PulseTrainFault", "SignalFaultKind"]
 
 
 class SignalFaultKind(IntEnum):
-    """Why a window has no number. The values are the codes in `FrequencySamples.fault`.
+    """Reason why a window has no number; the values are the codes in `FrequencySamples.fault`.
 
     Examples
     --------

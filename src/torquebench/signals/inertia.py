@@ -1,4 +1,4 @@
-"""Motion from angle, and the torque that accelerates the rotating parts."""
+"""Speed and acceleration from an angle, and the torque that accelerates the rotating parts."""
 
 from dataclasses import dataclass
 
@@ -21,8 +21,8 @@ class Motion:
     speed_rad_s, acceleration_rad_s2 : float64 arrays, shape (n,)
         First and second derivative of the angle.
     speed_uncertainty_rad_s, acceleration_uncertainty_rad_s2 : float
-        Standard uncertainty from the angle's noise, k = 1; of the first and last half window
-        it is larger.
+        Standard uncertainty (k = 1) from the angle's noise; it is larger in the first and last half
+        window.
     """
 
     speed_rad_s: NDArray[np.float64]
@@ -39,11 +39,12 @@ def motion_of_angle(
     degree: int = 3,
     angle_uncertainty_rad: float = 0.0,
 ) -> Motion:
-    """Speed and acceleration by polynomials through a moving window.
+    """Return speed and acceleration from polynomials in a moving window.
 
-    A. Savitzky, M. J. E. Golay, Analytical Chemistry 36 (1964) 1627; without phase, so for
-    evaluation. The uncertainty is that of white noise of the angle; an encoder's count c gives
-    c/√12 where it turns by several counts per sample.
+    A. Savitzky, M. J. E. Golay, Analytical Chemistry 36 (1964) 1627. The filter has no phase shift,
+    so that it needs later samples and suits recorded data only. The uncertainty is that of white
+    noise of the angle; an encoder's count c contributes c/√12 if the shaft turns by several counts
+    per sample.
 
     Parameters
     ----------
@@ -105,7 +106,7 @@ def motion_of_angle(
 def inertia_torque(
     motion: Motion, inertia_kgm2: float, inertia_uncertainty_kgm2: float = 0.0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Torque J·dω/dt and its standard uncertainty.
+    """Return the torque J·dω/dt and its standard uncertainty.
 
     u² = (dω/dt·u_J)² + (J·u_dω/dt)², the law of propagation of uncertainty for a product
     (JCGM 100, 5.1.2).
@@ -115,10 +116,10 @@ def inertia_torque(
     motion : Motion
         From `motion_of_angle`, at n times.
     inertia_kgm2 : float
-        Moment of inertia J in kg·m² of all that turns between the transducer's measuring
-        section and the place where the torque is wanted.
+        Moment of inertia J in kg·m² of all that turns between the transducer's measuring section
+        and the place for which the torque is calculated.
     inertia_uncertainty_kgm2 : float
-        Its standard uncertainty in kg·m².
+        Standard uncertainty of J in kg·m².
 
     Returns
     -------
@@ -147,7 +148,7 @@ def without_inertia(
     inertia_kgm2: float,
     inertia_uncertainty_kgm2: float = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Torque beyond the inertia: T − J·dω/dt, with the combined standard uncertainty.
+    """Return the torque without inertia, T − J·dω/dt, with the combined standard uncertainty.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One measured record: equal-length columns over time, and the most recent rows of them."""
+"""A measured record: columns of equal length over time, and a buffer of its most recent rows."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Column = NDArray[Any]
 class Record:
     """Measured values in time order: equal-length columns by the names of `torquebench.columns`.
 
-    The column `time_s` is the time axis of those methods that have one; `fault` holds codes of
+    The column `time_s` is the time axis that some methods use; `fault` holds codes of
     `SignalFaultKind`. A column may have further axes beside its rows.
 
     Parameters
@@ -59,7 +59,7 @@ class Record:
 
     @classmethod
     def unchecked(cls, columns: dict[str, Column], size: int) -> Record:
-        """Make a record of arrays that are known to have one length."""
+        """Return a record of arrays that are known to have one length."""
         record = cls.__new__(cls)
         record._columns, record._size = columns, size
         return record
@@ -82,11 +82,11 @@ class Record:
         return self._columns["time_s"]
 
     def get(self, name: str) -> Column | None:
-        """Return a column; None if the record has none of this name."""
+        """Return a column; None if the record doesn't have it."""
         return self._columns.get(name)
 
     def at(self, rows: slice | NDArray[Any]) -> Record:
-        """Return some of the rows, in their order."""
+        """Return the selected rows."""
         columns = {name: values[rows] for name, values in self._columns.items()}
         return Record.unchecked(columns, next(iter(columns.values())).shape[0] if columns else 0)
 
@@ -96,7 +96,7 @@ class Record:
         return self.at(slice(first, stop))
 
     def with_columns(self, **columns: Any) -> Record:
-        """Return the record with further columns, or others instead of those it has."""
+        """Return the record with added or replaced columns."""
         size = self._size
         if all(
             isinstance(new, np.ndarray) and new.shape[:1] == (size,) for new in columns.values()
@@ -119,11 +119,11 @@ class Record:
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """True where a row has no fault."""
+        """Whether each row is without a fault."""
         return np.equal(self["fault"], np.uint8(SignalFaultKind.NONE))
 
     def marked(self, rows: NDArray[np.bool_], kind: SignalFaultKind, *values: str) -> Record:
-        """Return the record with a fault in rows that have none, and no number in these columns."""
+        """Return the record with a fault in more rows, and NaN in some columns there."""
         new = rows & self.valid
         if not new.any():
             return self
@@ -136,7 +136,7 @@ class Record:
         Raises
         ------
         PulseTrainFault
-            With kind, time and number of the faulty rows.
+            If a row has a fault; with its kind and time, and the number of faulty rows.
         """
         faulty = np.flatnonzero(self["fault"])
         if faulty.size:
@@ -157,26 +157,26 @@ class Record:
 
 
 class History:
-    """The most recent rows of one record, for one writer and many readers.
+    """Buffer of the most recent rows of a record, for one writer and many readers.
 
     Parameters
     ----------
     capacity : int
-        Number of rows that are kept.
+        Largest number of rows.
     """
 
     def __init__(self, capacity: int) -> None:
         self.capacity = capacity
         self._columns: dict[str, Column] = {}
         self._wide: list[str] = []  # columns with further axes
-        self._size = self._next = 0  # rows kept, and the place of the next one
+        self._size = self._next = 0  # number of rows, and index of the next one
         self._lock = threading.Lock()
 
     def __len__(self) -> int:
         return self._size
 
     def append(self, record: Record) -> None:
-        """Append rows whose times go on from those before; other columns begin afresh."""
+        """Append rows that follow the earlier ones in time; other columns restart the buffer."""
         if not len(record):
             return
         if len(record) > self.capacity:
@@ -208,7 +208,7 @@ class History:
         self._size = self._next = 0
 
     def _segments(self) -> tuple[slice, ...]:
-        """Return the places of the rows in the order of their times."""
+        """Return slices of the buffer with the rows in the order of their times."""
         if self._size < self.capacity or not self._next:
             return (slice(0, self._size),)
         return slice(self._next, self.capacity), slice(0, self._next)
@@ -225,7 +225,7 @@ class History:
         return Record.unchecked(whole, sum(part.stop - part.start for part in parts))
 
     def window(self, start_s: float, stop_s: float) -> Record | None:
-        """Return the rows whose times lie in [start, stop); None before the first row ever."""
+        """Return the rows whose times lie in [start, stop); None before any row was appended."""
         with self._lock:
             if not self._size:
                 return None
@@ -236,7 +236,7 @@ class History:
             return self._copied(parts)
 
     def latest(self, count: int = 1) -> Record | None:
-        """Return the newest rows, at most so many; None before the first one."""
+        """Return the newest rows, at most `count`; None before any row was appended."""
         with self._lock:
             if not self._size:
                 return None

@@ -1,4 +1,4 @@
-"""Signal of a transducer to torque: measured zero and one sensitivity per direction."""
+"""Scale from a transducer's signal to torque: measured zero, and one sensitivity per direction."""
 
 from dataclasses import dataclass, replace
 
@@ -22,10 +22,11 @@ class SignalScale:
     certificate or the nominal values (60 kHz option: 15 Hz/(N·m) at 2 kN·m, 600 Hz/(N·m) at
     50 N·m).
 
-    A timebase that runs wrong by δ multiplies every frequency by 1 + δ: with a nominal zero that
-    shifts torque by δ·s₀/S (2δ of full scale for 60 ± 30 kHz) and its gain by δ. A zero measured
-    with the same clock removes the shift; calibrating and measuring with the same clock removes the
-    gain error. So a calibration is valid for one counter: record which.
+    A timebase with a relative error δ multiplies every frequency by 1 + δ: with a nominal zero this
+    shifts the torque by δ·s₀/S (2δ of full scale for 60 ± 30 kHz) and its gain by δ. A zero
+    measured with the same clock removes the shift; calibrating and measuring with the same clock
+    removes the gain error. A calibration is therefore valid for one counter, which must be
+    recorded.
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ class SignalScale:
     limits : (float, float)
         Lowest and highest valid signal; outside it a signal is a fault.
     measured_zero : float, optional
-        The nominal zero counts when it isn't measured yet.
+        Measured zero; without one, the nominal zero is used.
     unit : str
         Unit of the signal: Hz, N·m, V or mV/V.
 
@@ -90,17 +91,17 @@ class SignalScale:
 
     @property
     def column(self) -> str:
-        """Column of a record that has the signal."""
+        """Column of a record with the signal."""
         return "frequency_hz" if self.unit == "Hz" else "signal"
 
     @property
     def uncertainty_column(self) -> str:
-        """Column of its standard uncertainty."""
+        """Column of a record with the signal's standard uncertainty."""
         return "frequency_uncertainty_hz" if self.unit == "Hz" else "signal_uncertainty"
 
     @property
     def zero(self) -> float:
-        """The zero in use: measured, or nominal if none is measured."""
+        """The zero in use: the measured zero, or the nominal one."""
         return self.nominal_zero if self.measured_zero is None else self.measured_zero
 
     def with_zero(self, zero: float) -> "SignalScale":
@@ -108,7 +109,7 @@ class SignalScale:
         return replace(self, measured_zero=float(zero))
 
     def torque(self, signal: ArrayLike) -> NDArray[np.float64]:
-        """Torque in N·m of signals of any shape.
+        """Return the torque in N·m for signals of any shape.
 
         Raises
         ------
@@ -127,23 +128,23 @@ class SignalScale:
         return np.asarray(deviation / self._sensitivity(deviation))
 
     def signal(self, torque_nm: ArrayLike) -> NDArray[np.float64]:
-        """Signal of torques in N·m: the inverse of `torque`."""
+        """Return the signal for torques in N·m: the inverse of `torque`."""
         torque = np.asarray(torque_nm, dtype=np.float64)
         return np.asarray(self.zero + torque * self._sensitivity(torque))
 
     def readings(self, record: Record) -> Record:
-        """Return windows with their torque: faults stay, the limits are checked.
+        """Return windows with their torque; a signal beyond the limits becomes a fault.
 
         Parameters
         ----------
         record : Record
-            With the signal, its uncertainty and `fault`.
+            Record with the signal, its uncertainty and `fault`.
 
         Returns
         -------
         Record
-            The same with `reading_nm` and `counter_nm`, its standard uncertainty by counting or
-            amplifying; NaN at every fault, including those outside the limits.
+            The record with `reading_nm` and its standard uncertainty `counter_nm` by the counter or
+            amplifier; NaN at every fault.
         """
         names = self.column, self.uncertainty_column
         inside = self._inside(record[names[0]])

@@ -13,15 +13,15 @@ from torquebench.units import TURN
 
 __all__ = ["SteadyValue", "settling_index", "steady_value"]
 
-# Number of starts that are tried between the first settled sample and the settling limit.
+# Number of tried starts between the first settled sample and the settling limit.
 _CANDIDATES = 8
-# A residual beyond this many robust standard deviations of the window is an outlier, too.
+# Number of robust standard deviations of the window beyond which a residual is an outlier, too.
 _LIMIT = 6.0
 # Ratio of standard deviation to median absolute deviation of normal noise.
 _SPREAD = 1.4826
-# A larger share of outliers means that they aren't single values.
+# Largest share of outliers; more of them aren't single values.
 _MOST_OUTLIERS = 0.1
-# Fewest samples per term of a fit.
+# Smallest number of samples per term of a fit.
 _SAMPLES_PER_TERM = 2
 
 
@@ -34,25 +34,25 @@ class SteadyValue:
     value : float
         DC component of the settled part, in the unit of the samples.
     standard_error : float
-        Standard error of `value`, valid under autocorrelated noise and ripple; same unit.
-        A reading that doesn't move at all has 0: its resolution is another contribution.
+        Standard error of `value`, valid under autocorrelated noise and ripple; same unit. For a
+        constant reading it is 0, because resolution is a separate contribution.
     drift_per_s : float
         Slope of the settled part, in the samples' unit per second.
     drift_standard_error_per_s : float
         Standard error of that slope.
     settled : bool
-        True when the drift over the window is below its own standard error (or below the
-        tolerance given): only then the value counts. Otherwise wait longer, or mark the point.
+        Whether the drift over the window is below its own standard error or below the tolerance.
+        Otherwise one has to wait longer, or to mark the point.
     samples : int
-        Samples that the value rests on.
+        Number of samples in the value.
     effective_samples : float
         Effective number of independent samples.
     rejected : int
-        Outliers left out of the window.
+        Number of outliers left out of the window.
     start_s, stop_s : float
         The window used, in the samples' time.
     period_s : float or None
-        Period of the ripple that was taken out, given or estimated.
+        Period of the subtracted ripple, given or estimated.
     ripple : float
         Amplitude of that ripple's fundamental.
     """
@@ -89,12 +89,12 @@ def steady_value(
 ) -> SteadyValue:
     """Find the settled part of a step and its steady value.
 
-    Outliers are left out first. The settled part begins where the standard error of
-    the mean of all that follows is least (the marginal standard error rule, K. P. White,
-    Simulation 69 (1997) 323). From there on, the first window counts whose drift is below its
-    own standard error. It spans whole periods of the ripple, and a fit of mean, slope and the
-    ripple's harmonics gives the DC component without leakage. The standard error comes from
-    the residuals' spread and their correlation length.
+    Outliers are left out first. The settled part begins where the standard error of the mean of all
+    later samples is smallest (the marginal standard error rule, K. P. White, Simulation 69 (1997)
+    323). From there on, the first window is used whose drift is below its own standard error. It
+    spans whole periods of the ripple, and a fit of mean, slope and the ripple's harmonics gives the
+    DC component without leakage. The standard error comes from the residuals' spread and their
+    correlation length.
 
     Parameters
     ----------
@@ -105,21 +105,21 @@ def steady_value(
     period_s : float, optional
         Known period of a ripple in seconds, such as the motor's rotation.
     estimate_ripple : bool
-        Look for a significant ripple when no period is given.
+        Whether to look for a significant ripple if no period is given.
     harmonics : int
-        Harmonics of the ripple that are taken out, the fundamental among them.
+        Number of subtracted harmonics of the ripple, including the fundamental.
     tolerance : float
-        Drift over the window that doesn't matter, in the samples' unit.
+        Negligible drift over the window, in the samples' unit.
     minimum_samples : int
-        Fewest samples that a steady value may rest on.
+        Smallest number of samples for a steady value.
     settling_limit : float
-        Part of the record that may be given up as settling, 0 to 1.
+        Largest part of the record that may count as settling, 0 to 1.
 
     Returns
     -------
     SteadyValue
-        With `settled` False when no part of the record is steady, or more than a tenth of it
-        is made of outliers: a mark, not an error.
+        Steady value; `settled` is False, without an error, if no part of the record is steady or
+        more than a tenth of it are outliers.
 
     Raises
     ------
@@ -180,7 +180,7 @@ def settling_index(value: ArrayLike, latest: int | None = None) -> int:
     Returns
     -------
     int
-        Where the variance of the rest, divided by its number of samples, is least.
+        Index at which the variance of the remaining samples, divided by their number, is smallest.
 
     Examples
     --------
@@ -241,7 +241,7 @@ def _checked(
 def _columns(
     times: NDArray[np.float64], period: float | None, harmonics: int
 ) -> list[NDArray[np.float64]]:
-    """Mean, slope (around the middle) and as many harmonics as the sampling carries."""
+    """Return columns for mean, slope (about the middle) and all harmonics that can be sampled."""
     columns = [np.ones_like(times), times - times.mean()]
     if period is None:
         return columns
@@ -259,7 +259,7 @@ def _ripple(
     period: float,
     harmonics: int,
 ) -> NDArray[np.float64]:
-    """Ripple over the whole record, fitted to its settled part."""
+    """Return the ripple over the whole record, fitted to its settled part."""
     columns = np.column_stack(_columns(times, period, harmonics))
     coefficients, *_ = np.linalg.lstsq(columns[start:], samples[start:], rcond=None)
     return np.asarray(columns[:, 2:] @ coefficients[2:])
@@ -272,7 +272,7 @@ def _evaluate(
     harmonics: int,
     tolerance: float,
 ) -> SteadyValue:
-    """Mean, slope and errors of one window, cut to whole periods at its beginning."""
+    """Return mean, slope and errors of one window, cut at its beginning to whole periods."""
     whole = True
     if period is not None:
         interval = (times[-1] - times[0]) / (times.size - 1)
@@ -312,7 +312,7 @@ def _evaluate(
 def _robust_fit(
     matrix: NDArray[np.float64], samples: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64]]:
-    """Return a least-squares fit without outliers, and the samples kept."""
+    """Return a least-squares fit without outliers, and the remaining samples."""
     keep = np.ones(samples.size, dtype=np.bool_)
     for _ in range(2):
         coefficients, *_ = np.linalg.lstsq(matrix[keep], samples[keep], rcond=None)
@@ -331,7 +331,7 @@ def _robust_fit(
 
 
 def _unsteadiness(steady: SteadyValue) -> float:
-    """Drift in units of its standard error."""
+    """Return the drift in units of its standard error."""
     if steady.drift_standard_error_per_s == 0:
         return 0.0 if steady.drift_per_s == 0 else np.inf
     return abs(steady.drift_per_s) / steady.drift_standard_error_per_s
@@ -339,14 +339,14 @@ def _unsteadiness(steady: SteadyValue) -> float:
 
 # -- outliers -----------------------------------------------------------------------------------
 
-# Samples in the running median: it tolerates up to three outliers.
+# Number of samples in the running median, which tolerates up to three outliers.
 _MEDIAN_WINDOW = 7
 # Threshold of an outlier, in robust spreads of the steps between samples.
 _STEP_LIMIT = 8.0
-# More outliers in a row than this are a change of the signal.
+# Largest number of outliers in a row; more are a change of the signal.
 _LONGEST_RUN = 2
-# Multiples of the limit that are checked, so that a huge value within a fast change, whose own
-# samples exceed the limit as well, is still a single one.
+# Checked multiples of the limit: within a fast change, whose samples also exceed the limit, a huge
+# value still stands out by itself.
 _HEIGHTS = (1.0, 10.0, 100.0, 1000.0)
 
 
@@ -362,7 +362,7 @@ def outliers(value: ArrayLike, limit: float = _STEP_LIMIT) -> NDArray[np.bool_]:
     value : array_like, shape (n,)
         Samples in their order.
     limit : float
-        Distance from which a value is an outlier, in robust standard deviations of the steps.
+        Distance above which a value is an outlier, in robust standard deviations of the steps.
 
     Returns
     -------
@@ -379,7 +379,7 @@ def outliers(value: ArrayLike, limit: float = _STEP_LIMIT) -> NDArray[np.bool_]:
         return np.zeros(samples.size, dtype=np.bool_)
     distance = np.abs(samples - running_median(samples, _MEDIAN_WINDOW))
     steps = np.abs(np.diff(samples))
-    # Where most samples repeat, the smallest step is the resolution.
+    # If most samples repeat, the smallest step is the resolution.
     moved = steps[steps > 0]
     spread = max(_SPREAD * median(steps), float(moved.min()) if moved.size else 0.0)
     found = np.zeros(samples.size, dtype=np.bool_)
@@ -392,7 +392,7 @@ def outliers(value: ArrayLike, limit: float = _STEP_LIMIT) -> NDArray[np.bool_]:
 
 
 def median(values: NDArray[np.float64]) -> float:
-    """Return the median of some finite values, as NumPy does in ten times the time for a few."""
+    """Return the median of finite values; for few values, NumPy takes ten times as long."""
     ordered = np.sort(values)
     middle = ordered.size // 2
     if ordered.size % 2:
@@ -401,7 +401,7 @@ def median(values: NDArray[np.float64]) -> float:
 
 
 def isolated(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Keep only marks that stand alone or in pairs."""
+    """Keep only marks that are single or in pairs."""
     edges = np.flatnonzero(np.diff(far.astype(np.int8), prepend=0, append=0))
     kept = np.zeros_like(far)
     for first, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
@@ -410,10 +410,10 @@ def isolated(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def running_median(values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """Return the median of the `size` values around each, mirrored at both ends.
+    """Return the median of the `size` values around each value, mirrored at both ends.
 
-    Of an even size the upper one of both in the middle, with one more value before than after; as
-    in scipy.ndimage, which takes longer to import than this to run.
+    For an even size, it is the upper of the two middle values, with one more value before than
+    after, as in scipy.ndimage, whose import takes longer than this calculation.
     """
     before = size // 2
     mirrored = np.pad(values, (before, size - 1 - before), mode="reflect")
@@ -425,23 +425,24 @@ def running_median(values: NDArray[np.float64], size: int) -> NDArray[np.float64
 
 # Smallest number of periods that distinguishes a ripple from slow noise.
 _FEWEST_PERIODS = 4
-# Lines of the spectrum on each side that are a line's background: local, since noise may be red.
+# Number of spectral lines on each side that form a line's background, which is local because noise
+# may be red.
 _BACKGROUND_LINES = 17
-# Threshold, as a multiple of the level that white noise reaches once in a thousand records: with
-# the scatter of the local background, about 1 % of records with red noise still show a false
-# ripple.
+# Threshold, as a multiple of the level that white noise reaches in one of a thousand records.
+# Because of the scatter of the local background, about 1 % of records with red noise still show a
+# false ripple.
 _CHANCE = 1e-3
 _ABOVE_CHANCE = 2.0
-# In short records a ripple's own lines fill the background; one with this share of all power is a
-# ripple as well (noise of 20 samples reaches it once in a hundred records).
+# In short records a ripple's own lines fill the background; a line with this share of all power
+# also counts as ripple (noise of 20 samples reaches it in one of a hundred records).
 _DOMINATES = 0.8
 
 
 def estimate_period(time_s: ArrayLike, value: ArrayLike) -> float | None:
     """Find the period of a ripple above the noise.
 
-    The line of the periodogram with the largest ratio to the median of its neighbours (Fisher's
-    test with a robust local background), then refined by least squares.
+    It is the line of the periodogram with the largest ratio to the median of its neighbours
+    (Fisher's test with a robust local background), refined by least squares.
 
     Parameters
     ----------
@@ -493,9 +494,9 @@ def estimate_period(time_s: ArrayLike, value: ArrayLike) -> float | None:
 
 
 def _power(even: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the one-sided periodogram less its trend, with Hann's window, in units of its own.
+    """Return the one-sided periodogram of detrended values with Hann's window, in arbitrary units.
 
-    The same as in scipy.signal, which takes long to import and is slow for short records.
+    It equals that of scipy.signal, whose import takes long and which is slow for short records.
     """
     count = even.size
     trend = np.column_stack((np.arange(1, count + 1) / count, np.ones(count)))
@@ -509,7 +510,7 @@ def _power(even: NDArray[np.float64]) -> NDArray[np.float64]:
 def ripple_terms(
     time_s: NDArray[np.float64], period_s: float, harmonics: int = 1
 ) -> list[NDArray[np.float64]]:
-    """Cosine and sine of each harmonic of a ripple, as columns of a fit.
+    """Return cosine and sine of each harmonic of a ripple, as columns for a fit.
 
     Parameters
     ----------
@@ -537,7 +538,7 @@ _FEWEST_INDEPENDENT = 5
 
 
 def autocorrelation(residual: ArrayLike, lags: int) -> NDArray[np.float64]:
-    """Autocorrelation of residuals with mean 0 at lags 0 to `lags`.
+    """Return the autocorrelation of residuals of mean 0 at lags 0 to `lags`.
 
     Parameters
     ----------
@@ -561,20 +562,20 @@ def autocorrelation(residual: ArrayLike, lags: int) -> NDArray[np.float64]:
 
 
 def correlation_length(residual: ArrayLike, fitted: int = 1) -> float:
-    """Count samples per independent sample: 1 + 2·Σ of the autocorrelation.
+    """Return the number of samples per independent sample: 1 + 2·Σ of the autocorrelation.
 
-    By the initial monotone sequence of C. J. Geyer, Practical Markov chain Monte Carlo,
-    Statistical Science 7 (1992) 473, with the bias removed that fitting a mean (and a slope)
-    brings into the autocorrelation. Never below 1, so anticorrelated samples gain nothing.
-    Measured on white and first-order autoregressive noise (coefficient up to 0.6): with 30
-    samples or more, twice the standard error from it covers in 90-97 %.
+    It uses the initial monotone sequence of C. J. Geyer, Practical Markov chain Monte Carlo,
+    Statistical Science 7 (1992) 473, corrected for the bias of the autocorrelation due to a fitted
+    mean (and slope). It is never below 1, so that anticorrelated samples have no advantage.
+    Measured on white and first-order autoregressive noise (coefficient up to 0.6), twice the
+    resulting standard error has a coverage of 90-97 % with 30 samples or more.
 
     Parameters
     ----------
     residual : array_like, shape (n,)
         Residuals in their order.
     fitted : int
-        Slowly varying terms in the fit: 1 for a mean, 2 with a slope.
+        Number of slowly varying terms in the fit: 1 for a mean, 2 with a slope.
 
     Examples
     --------

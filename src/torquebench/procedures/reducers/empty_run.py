@@ -1,4 +1,4 @@
-"""The empty run: both shafts turn uncoupled, so that their reading can be subtracted."""
+"""The empty run: both shafts turn uncoupled, and their readings are subtracted from later tests."""
 
 from __future__ import annotations
 
@@ -39,15 +39,16 @@ class EmptyRunSettings:
         Rising input speeds above 0, 1/min; each in both directions. The output's speed is the
         input's divided by the ratio.
     repeats : int
-        Number of passes over all speeds. The subtracted values scatter like the test itself, so
-        that few repeats here would spoil many there.
+        Number of passes over all speeds. The subtracted values scatter like those of the test, so
+        that too few repeats here make many repeats there useless.
     settle_s, window_s : float
-        Time after a speed is reached, and the shortest window; it is lengthened to whole input
+        Time after a speed is reached, and the shortest window, which is lengthened to whole input
         turns, s.
     zero_s : float
         Length of the zeros before every series and after the last, s.
     rate_rpm_per_s : float
-        Rate of the input's speed, (1/min)/s, and of the output's by the ratio: as in the test.
+        Rate of the input's speed as in the test, (1/min)/s; that of the output follows by the
+        ratio.
     """
 
     speeds_rpm: tuple[float, ...] = (100.0, 400.0, 700.0, 1000.0, 1200.0)
@@ -61,7 +62,7 @@ class EmptyRunSettings:
         check_speeds(self.speeds_rpm, self.repeats, self.rate_rpm_per_s)
 
     def within(self, limits: ReducerLimits) -> EmptyRunSettings:
-        """Return the settings without speeds at which the reducer isn't driven."""
+        """Return the settings without speeds that the reducer's limits don't allow."""
         return replace(self, speeds_rpm=limits.reachable(self.speeds_rpm))
 
     def points(self) -> list[RunningPoint]:
@@ -86,14 +87,14 @@ def empty_run(
 ) -> Plan[RunningRecording]:
     """Turn both shafts with nothing mounted, and record both readings at each speed.
 
-    These readings contain the transducer's zero over speed, and the drag of the bearings between
-    transducer and flange, just as those of a test.
+    Like the readings of a test, these contain the transducer's zero over speed, and the drag of the
+    bearings between transducer and flange.
 
     Parameters
     ----------
     devices : BenchDevices
     limits : ReducerLimits
-        Of the reducer that is tested afterwards: its ratio gives the output's speeds.
+        Limits of the reducer that is tested afterwards; its ratio gives the output's speeds.
     settings : EmptyRunSettings, optional
 
     Raises
@@ -154,7 +155,7 @@ def _turned(
 def _turn(
     devices: BenchDevices, ratio: float, speed_rpm: float, rate_rpm_per_s: float
 ) -> Plan[None]:
-    """Bring both shafts to their speeds together, the output's by the reducer's ratio."""
+    """Ramp both shafts to their speeds together, the output's by the reducer's ratio."""
     towards: list[Any] = []
     for module, part in ((devices.input, 1.0), (devices.output, ratio)):
         ramp = speed_ramp(speed_rpm / part, rate_rpm_per_s / abs(part))

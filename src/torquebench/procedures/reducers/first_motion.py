@@ -1,4 +1,4 @@
-"""Starting and back-driving torque: one side's torque rises slowly until the reducer moves."""
+"""Starting and back-driving torque: the torque of one side rises slowly until the reducer moves."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ __all__ = ["Breakaway", "BreakawayRecording", "BreakawaySettings", "breakaway"]
 STEP_S = 0.1
 """Bench time between two checks for the first motion, s."""
 LOOKS = 6
-"""Number of checks over which a moving side advances by a fifth of the motion threshold."""
+"""Number of checks within which a moving side advances by a fifth of the motion threshold."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +58,10 @@ class BreakawaySettings:
     expected_nm : float or None
         Torque at which motion is expected; by default from the data sheet or the reducer's size.
     largest_nm : float or None
-        The ramp ends here without motion; by default five times the expected torque.
+        Torque at which a ramp without motion ends; by default five times the expected torque.
     motion_deg : float or None
-        The driven side has moved for certain after so many degrees, a fifth of them within half a
-        second; by default 5° of the input and 0.2° of the output.
+        Angle, degrees, after which the driven side counts as moving, with a fifth of it within half
+        a second; by default 5° of the input and 0.2° of the output.
     zero_s : float
         Length of the zero before each position, s.
     """
@@ -99,11 +99,11 @@ class BreakawaySettings:
         return (0.04 / abs(limits.ratio) if side == "input" else 0.04) * limits.rated_torque_nm
 
     def largest(self, side: Side, limits: ReducerLimits) -> float:
-        """Torque at which the ramp ends without motion, N·m."""
+        """Torque at which a ramp without motion ends, N·m."""
         return self.largest_nm or 5.0 * self.expected(side, limits)
 
     def motion_rad(self, side: Side) -> float:
-        """Angle after which the driven side has moved for certain, rad."""
+        """Angle after which the driven side counts as moving, rad."""
         degrees = 5.0 if side == "input" else 0.2
         return float((degrees if self.motion_deg is None else self.motion_deg) * DEGREE)
 
@@ -119,9 +119,9 @@ class Breakaway:
     direction : int
         +1 clockwise.
     recording : SynchronousRecording
-        From before the ramp until after the motion.
+        Samples from before the ramp until after the motion.
     standing_nm : float
-        Compensated torque of a reading of 0, to be subtracted, N·m.
+        Compensated torque for a reading of 0, to be subtracted, N·m.
     """
 
     position_deg: float
@@ -142,7 +142,7 @@ class BreakawayRecording:
     compensated : bool
         Whether the side's active model was applied.
     temperature_c : float
-        Of the reducer; NaN without a probe.
+        Temperature of the reducer; NaN without a probe.
     """
 
     side: Side
@@ -157,7 +157,7 @@ def breakaway(
     side: Side,
     settings: BreakawaySettings | None = None,
 ) -> Plan[BreakawayRecording]:
-    """Raise the torque of one side slowly, the other free, until it turns; at several positions.
+    """Raise the torque of one side slowly until it turns, at several positions; the other is free.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def breakaway(
 
 
 def _check(limits: ReducerLimits, side: Side, largest_nm: float) -> None:
-    """Refuse a ramp beyond the data sheet, for either side."""
+    """Refuse a ramp beyond the data sheet, on either side."""
     at_output = largest_nm * (abs(limits.ratio) if side == "input" else 1.0)
     if at_output > limits.largest_torque_nm:
         raise LimitError(
@@ -216,7 +216,7 @@ def _check(limits: ReducerLimits, side: Side, largest_nm: float) -> None:
 
 @dataclass
 class _Finder:
-    """Ramps one side's torque until it moves."""
+    """Ramps the torque of one side until it moves."""
 
     devices: BenchDevices
     limits: ReducerLimits
@@ -225,7 +225,7 @@ class _Finder:
     found: list[Breakaway] = field(default_factory=list)
 
     def at(self, position_deg: float, index: int, total: int) -> Plan[None]:
-        """Find the first motion in each direction at one position; ends with the drive off."""
+        """Find the first motion in each direction at one position; the drive is off afterwards."""
         signs = directions(self.settings)
         for number, sign in enumerate(signs):
             done = index * len(signs) + number
@@ -264,7 +264,7 @@ class _Finder:
         yield from move(devices.module(self.side).drive.torque, 0.0)
         yield from sleep(REST_S)
         yield from take(devices.recorder, devices.point, stream="points")
-        yield from power_off(devices)  # its own friction brakes it
+        yield from power_off(devices)  # its own friction stops it
         yield from sleep(REST_S)
         if not moved:
             raise BenchError(
@@ -276,7 +276,7 @@ class _Finder:
         return devices.recorder.taken or SynchronousRecording.joined([])
 
     def _until_motion(self, target_nm: float, rate: float) -> Plan[bool]:
-        """Raise the torque in one uniform ramp, checked for motion; return whether it moved."""
+        """Raise the torque in one uniform ramp with checks for motion; return whether it moved."""
         devices, module = self.devices, self.devices.module(self.side)
         start = yield from angle_rad(devices, self.side)
         enough = self.settings.motion_rad(self.side)
@@ -287,8 +287,8 @@ class _Finder:
             present = yield from angle_rad(devices, self.side)
             if start is None or present is None:  # a rehearsal covers the whole ramp
                 continue
-            # A contact creeps under torque and may go as far in time: only a fast movement is
-            # motion.
+            # A contact creeps under torque and may move as far with time: only a fast movement
+            # counts as motion.
             seen.append(present)
             if abs(present - start) > enough and abs(present - seen[0]) > 0.2 * enough:
                 return True

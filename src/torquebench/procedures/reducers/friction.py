@@ -34,11 +34,12 @@ class FrictionSettings:
     Parameters
     ----------
     speeds_rpm : tuple of float
-        Rising input speeds above 0, 1/min; driven up, then down without repeating the last.
+        Rising input speeds above 0, 1/min; driven upwards, then downwards without repeating the
+        largest.
     repeats : int
         Number of repeats of the sweep.
     clockwise, counter_clockwise : bool
-        Directions that are driven.
+        Directions to be driven.
     settle_s : float
         Time from a speed command until the window may begin, s.
     window_s : float
@@ -78,7 +79,7 @@ class FrictionSettings:
             yield from self.repeat(repeat)
 
     def repeat(self, number: int) -> Iterator[FrictionPoint]:
-        """Return the points of one repeat: each direction a series, speeds up and down."""
+        """Return the points of one repeat: in each direction speeds rise, then fall."""
         path = [(speed, 1) for speed in self.speeds_rpm]
         path += [(speed, -1) for speed in self.speeds_rpm[-2::-1]]
         for series, sign in enumerate(directions(self), start=1):
@@ -86,7 +87,7 @@ class FrictionSettings:
                 yield FrictionPoint(number, series, place, sign * speed, branch)
 
     def steady(self, speed_rpm: float) -> SteadySettings:
-        """Return how the torque at one speed is averaged: over whole revolutions.
+        """Return the settings for averaging the torque at one speed over whole revolutions.
 
         Examples
         --------
@@ -132,7 +133,7 @@ class FrictionSweep:
     compensated : bool
         Whether the module's active model was applied.
     unsettled : int
-        Points that were taken although their reading still drifted.
+        Number of points whose reading still drifted.
     """
 
     speed_rpm: NDArray[np.float64]
@@ -150,7 +151,7 @@ class FrictionSweep:
 def friction_sweep(
     devices: BenchDevices, settings: FrictionSettings | None = None
 ) -> Plan[FrictionSweep]:
-    """Drive a mounted reducer at its input, output free, and read the friction at each speed.
+    """Drive the input of a mounted reducer, output free, and read the friction at each speed.
 
     Parameters
     ----------

@@ -65,11 +65,11 @@ LOADING_SHARE = 0.0015
 """Largest deviation of a drive from the requested torque, as a share of its range."""
 TURNS = 4
 PHASE_DEG = 10.0
-"""Tolerance of the input's phase."""
+"""Tolerance of the input's phase, degrees."""
 
 
 def even_positions(count: int) -> tuple[float, ...]:
-    """Return so many positions that share out one output turn, degrees.
+    """Return a number of positions that divide one output turn evenly, degrees.
 
     Examples
     --------
@@ -88,16 +88,16 @@ class HysteresisSettings:
     loops : int
         Loops at each position after the preload.
     positions_deg : tuple of float
-        Output positions, degrees. They share out one turn of the input, too, so that errors of
-        the input's orders cancel but for multiples of their number: five of them by default, as
-        harmonic reducers err two and four times a turn.
+        Output positions, degrees. They also divide one turn of the input evenly, so that errors of
+        the input's orders cancel, except multiples of the number of positions: five by default,
+        because harmonic reducers have errors of the orders two and four.
     torque_share : float
         Largest torque of the loop, as a share of the rated torque.
     loop_s : float
         Time of one loop at a uniform rate of torque, s.
     steps : int
-        0 for a uniform ramp; otherwise so many torque steps from zero to the largest torque,
-        each held for its share of the loop's time.
+        Number of torque steps from zero to the largest torque, each held for its share of the
+        loop's time; 0 for a uniform ramp.
     zero_s : float
         Length of the zero before the loops of a position, s.
     """
@@ -136,7 +136,7 @@ class Loop:
     position_deg : float
         Output position, degrees.
     number : int
-        1, 2, … at this position.
+        Number of the loop at this position, from 1.
     recording : SynchronousRecording
     """
 
@@ -159,7 +159,7 @@ class LoopRecording:
     temperature_c : float
         Of the reducer; NaN without a probe.
     flange : FlangeInertia or None
-        Of the output's active model: identified by empty runs, or as described.
+        Inertia from the output's active model (identified by empty runs), or as described.
     """
 
     loops: tuple[Loop, ...]
@@ -174,11 +174,12 @@ def hysteresis_loops(
 ) -> Plan[LoopRecording]:
     """Lock the input and drive torque-angle loops at the output, at several output positions.
 
-    Before the loops of each position the output is turned there, both torques are zeroed, and the
+    Before the loops of each position, the output is turned to it, both torques are zeroed, and the
     output is preloaded to +T and −T, which isn't part of any loop. The torque exceeds T by the
-    drive's largest deviation, if the reducer allows it. The positions share out one turn of the
-    input too, as the transmission error of the input's orders makes a reducer stiffer at one of its
-    phases than at another. A loop that a pause interrupts is preloaded and driven again.
+    drive's largest deviation, if the reducer allows it. The positions also divide one turn of the
+    input evenly, because the transmission error of the input's orders makes a reducer stiffer at
+    some phases of the input than at others. A loop that a pause interrupts is preloaded and driven
+    again.
 
     Raises
     ------
@@ -231,7 +232,7 @@ def hysteresis_loops(
 
 
 def _flange(active: ActiveChain | None) -> FlangeInertia | None:
-    """Return what turns between transducer and flange, by the model of a side."""
+    """Return the inertia between transducer and flange, by the model of a side."""
     inertia = None if active is None else active.chain.find(Inertia)
     if inertia is None or not inertia.moment_nm_s2 > 0.0:
         return None
@@ -240,7 +241,7 @@ def _flange(active: ActiveChain | None) -> FlangeInertia | None:
 
 
 def _near(position_deg: float, ratio: float, phase: float) -> float:
-    """Return the output angle next to a position at which the input has turned to a phase.
+    """Return the output angle closest to a position at which the input has a given phase.
 
     Examples
     --------
@@ -254,7 +255,7 @@ def _near(position_deg: float, ratio: float, phase: float) -> float:
 def _turn_to(
     devices: BenchDevices, limits: ReducerLimits, output_deg: float, start_rad: float | None
 ) -> Plan[None]:
-    """Turn the output to an angle from the start by the input's encoder, at decreasing speed."""
+    """Turn the output to an angle from the start by the input's encoder, with decreasing speed."""
     seconds = 0.0
     for _ in range(TURNS):
         present = yield from angle_rad(devices, "input")
@@ -281,7 +282,7 @@ class _LoopDriver:
     found: list[Loop] = field(default_factory=list)
 
     def run(self, position_deg: float, index: int, total: int) -> Plan[None]:
-        """Zero, preload, drive all loops; ends without torque, drive off."""
+        """Zero, preload and drive all loops of a position; leaves no torque, and the drive off."""
         yield from zero(self.devices, "output", duration_s=self.settings.zero_s)
         # started early, so that short windows are available
         yield from move(self.devices.recorder, "fine")
@@ -320,7 +321,7 @@ class _LoopDriver:
         return SynchronousRecording.joined(parts)
 
     def _leg(self, target_nm: float) -> Plan[None]:
-        """Ramp to a torque uniformly, or in held steps."""
+        """Ramp to a torque, uniformly or in steps."""
         steps = self.settings.steps
         if not steps:
             yield from self._ramp(target_nm)
@@ -337,7 +338,7 @@ class _LoopDriver:
 
 
 def _take(devices: BenchDevices, parts: list[SynchronousRecording]) -> Plan[None]:
-    """End the recorder's present interval and keep it."""
+    """End the recorder's present interval, and append its samples."""
     yield from take(devices.recorder, devices.point, stream="points")
     if devices.recorder.taken is not None:
         parts.append(devices.recorder.taken)
@@ -348,13 +349,13 @@ def _take(devices: BenchDevices, parts: list[SynchronousRecording]) -> Plan[None
 
 @dataclass(frozen=True)
 class BenchTwistSettings:
-    """Settings of the measurement of the bench's twist: cycles against the mounted calibrator.
+    """Settings of the measurement of the bench's twist, by cycles against the mounted calibrator.
 
     Parameters
     ----------
     torque_share : float or None
-        Largest torque as a share of the module's range; None: the torque of the following loops, as
-        a chain's additional torque differs at other torques.
+        Largest torque as a share of the module's range; by default the torque of the following
+        loops, because a chain's additional torque depends on it.
     cycles : int
         Cycles 0 → +T → −T → 0.
     cycle_s : float
@@ -375,13 +376,13 @@ class BenchTwistSettings:
 
 @dataclass(frozen=True, eq=False)
 class BenchTwistRecording:
-    """Torque and angle of each side against the held flange.
+    """Torque and angle of each side against the fixed flange.
 
     Parameters
     ----------
     recordings : mapping of side to SynchronousRecording
     standard_serial : str
-        The part that held the flanges.
+        Serial number of the part that fixed the flanges.
     """
 
     recordings: dict[Side, SynchronousRecording]
@@ -395,7 +396,7 @@ def bench_twist(
     *,
     loops_nm: Mapping[Side, float] | None = None,
 ) -> Plan[BenchTwistRecording]:
-    """Load each side against the clamped calibrator, which holds its flange, and record the angle.
+    """Load each side against the clamped calibrator, which fixes its flange, and record the angle.
 
     The encoder then measures the twist of shaft, coupling and transducer between it and the flange,
     which is subtracted from torque-angle loops at the loaded output and the locked input.

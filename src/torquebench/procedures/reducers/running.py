@@ -54,16 +54,16 @@ class NoLoadSettings:
     Parameters
     ----------
     sweep : FrictionSettings
-        Speeds, repeats, directions and windows; the mean of both directions is free of the zero.
-        Oscillations of a free output after a change of speed decay within a second.
+        Speeds, repeats, directions and windows; in the mean of both directions, errors of the zero
+        cancel. Oscillations of a free output after a change of speed decay within a second.
     warm_up : WarmUp
-        Before the first point.
+        Warm-up before the first point.
     target_percent : float or None
         Further repeats follow until twice the standard error of every mean over directions and
         repeats is at most this share of it, %; None for the repeats of the sweep alone. A torque
-        without compensation isn't repeated further: repeats don't make it better known.
+        without compensation isn't repeated, because its uncertainty wouldn't decrease.
     most_repeats : int
-        After so many repeats it ends in any case.
+        Largest number of repeats.
     """
 
     sweep: FrictionSettings = field(
@@ -84,7 +84,7 @@ class NoLoadSettings:
         return replace(self, sweep=replace(self.sweep, repeats=repeats), target_percent=None)
 
     def with_repeats(self, most: int) -> NoLoadSettings:
-        """Return the settings with so many repeats at most."""
+        """Return the settings with at most so many repeats."""
         sweep = replace(self.sweep, repeats=min(self.sweep.repeats, most))
         return replace(self, sweep=sweep, most_repeats=most)
 
@@ -105,22 +105,22 @@ class EfficiencySettings:
     speeds_rpm : tuple of float
         Input speeds, 1/min.
     clockwise, counter_clockwise : bool
-        Directions that are driven; in the mean of both an error of the zeros cancels.
+        Directions to be driven; in the mean of both, errors of the zeros cancel.
     repeats : int
-        Number of passes over the map, each after new zeros without load: a chain's scatter between
-        loadings averages over these only.
+        Number of passes over the map, each after new zeros without load: only over these does a
+        chain's scatter between loadings average out.
     target_points : float or None
-        Further repeats follow at the torques where twice the standard error of a mean over
-        directions and repeats exceeds this, in percentage points of efficiency; None for
-        `repeats` alone. Without compensation on both sides there are none.
+        Further repeats follow at torques at which twice the standard error of a mean over
+        directions and repeats exceeds this number of percentage points of efficiency; None for
+        `repeats` alone. Without compensation on both sides there are no further repeats.
     most_repeats : int
-        After so many repeats it ends in any case.
+        Largest number of repeats.
     settle_s, window_s : float
         Time before a window, and its shortest length; it is lengthened to whole input turns, s.
     zero_s : float
         Length of the zeros before each speed, s.
     warm_up : WarmUp
-        Before the first point, without load.
+        Warm-up before the first point, without load.
     """
 
     torque_shares: tuple[float, ...] = (0.2, 0.25, 0.5, 0.75, 1.0)
@@ -158,12 +158,12 @@ class EfficiencySettings:
         return replace(self, repeats=max(self.repeats, self.most_repeats), target_points=None)
 
     def with_repeats(self, most: int) -> EfficiencySettings:
-        """Return the settings with so many repeats at most."""
+        """Return the settings with at most so many repeats."""
         return replace(self, repeats=min(self.repeats, most), most_repeats=most)
 
 
 def _repeats_on(target: float | None, repeats: int) -> bool:
-    """Return whether repeats may follow: a single repeat is a quick look without scatter."""
+    """Return whether further repeats may follow; a single requested repeat excludes them."""
     return target is not None and repeats > 1
 
 
@@ -177,18 +177,18 @@ def _check_target(name: str, target: float | None, unit: str) -> None:
 def no_load_running(
     devices: BenchDevices, limits: ReducerLimits, settings: NoLoadSettings | None = None
 ) -> Plan[RunningRecording]:
-    """Drive the input at steps of speed, output free, and read the torque that it needs.
+    """Drive the input at steps of speed with the output free, and read the required torque.
 
-    Zeroes before every series (one direction of one repeat) and after the last, so that the
-    transducer's drift while it rotates can be removed. Repeats until the means are known to the
-    target of the settings.
+    The torque is zeroed before every series (one direction of one repeat) and after the last, so
+    that the zero drift during rotation can be subtracted. The sweep is repeated until the means
+    reach the target uncertainty of the settings.
 
     Raises
     ------
     LimitError
         Before anything moves, where a speed exceeds the data sheet or the bench.
     BenchError
-        The reducer doesn't turn by its ratio, or doesn't get to a steady temperature.
+        The reducer doesn't turn by its ratio, or doesn't reach a steady temperature.
     SignalFault
         The drive saturates.
     """
@@ -212,7 +212,7 @@ def no_load_running(
 
 
 def _fastest(limits: ReducerLimits, warm: WarmUp, speeds_rpm: Sequence[float]) -> float:
-    """Return the fastest input speed of a test, 1/min."""
+    """Return the largest input speed of a test, 1/min."""
     warming = min(warm.speed_rpm, limits.largest_input_rpm) if warm.longest_s else 0.0
     return max(*speeds_rpm, warming, limits.turning_rpm)
 
@@ -226,7 +226,7 @@ def _start(devices: BenchDevices, limits: ReducerLimits, warm: WarmUp) -> Plan[N
 
 
 def _sweeps(devices: BenchDevices, settings: NoLoadSettings, table: RunningTable) -> Plan[None]:
-    """Repeat all speeds until their means are known well enough."""
+    """Repeat all speeds until their means reach the target uncertainty."""
     sweep, repeat = settings.sweep, 1
     while True:
         planned = max(repeat, sweep.repeats)
@@ -288,16 +288,16 @@ def efficiency_map(
 ) -> Plan[RunningRecording]:
     """Drive the input at a speed against a braking torque at the output, over a grid of both.
 
-    Both sides are driven: the input by speed, the output by torque. Both torques are means over
-    the same window of whole input turns. Torques whose efficiency isn't known to the target of
-    the settings are repeated.
+    Both sides are driven: the input by speed, the output by torque. Both torques are means over the
+    same window of whole input turns. Torques at which the efficiency misses the target uncertainty
+    of the settings are repeated.
 
     Raises
     ------
     LimitError
         Before anything moves, where a torque or speed exceeds the data sheet or the bench.
     BenchError
-        The reducer doesn't turn by its ratio, or doesn't get to a steady temperature.
+        The reducer doesn't turn by its ratio, or doesn't reach a steady temperature.
     SignalFault
         A drive saturates.
     """
@@ -326,7 +326,7 @@ def efficiency_map(
 def _grid(
     limits: ReducerLimits, settings: EfficiencySettings, shares: Sequence[float], repeat: int
 ) -> list[RunningPoint]:
-    """Points of a repeat: torques rise at each speed; the output brakes, so its torque opposes."""
+    """Return the points of a repeat: torques rise at each speed, and oppose the output's motion."""
     turn = float(np.sign(limits.ratio))
     return [
         RunningPoint(sign * speed, -turn * sign * share * limits.rated_torque_nm, 1, repeat)
@@ -339,7 +339,7 @@ def _grid(
 def _load_grids(
     devices: BenchDevices, limits: ReducerLimits, settings: EfficiencySettings, table: RunningTable
 ) -> Plan[None]:
-    """Measure the map, then the torques whose means aren't known well enough."""
+    """Measure the map, then repeat the torques whose means miss the target uncertainty."""
     shares: Sequence[float] = settings.torque_shares
     total = settings.repeats * len(_grid(limits, settings, shares, 1))
     repeat = 0
@@ -362,7 +362,7 @@ def _open_shares(
     done: int,
     table: RunningTable,
 ) -> Sequence[float]:
-    """Return the torques, as shares, at which efficiency isn't known well enough."""
+    """Return the torques, as shares, at which the efficiency misses the target uncertainty."""
     target = settings.target_points
     if target is None or not _repeats_on(target, settings.repeats):
         return ()
@@ -391,7 +391,7 @@ def _load_grid(
     total: int,
     table: RunningTable,
 ) -> Plan[None]:
-    """Take the points of one repeat; both sides are stopped and zeroed before each new speed."""
+    """Measure the points of one repeat; both sides are stopped and zeroed before each new speed."""
     speed_axis, torque_axis = devices.input.drive.speed, devices.output.drive.torque
     present: float | None = None
     for number, point in enumerate(points, start=len(table.rows)):
@@ -417,7 +417,7 @@ def _load_grid(
 
 
 def _stop(devices: BenchDevices) -> Plan[None]:
-    """Remove the load first, then stop."""
+    """Remove the load first, then stop the shafts."""
     for axis in (devices.output.drive.torque, devices.input.drive.speed):
         present = yield from read(axis.setpoint)
         if present != 0.0:

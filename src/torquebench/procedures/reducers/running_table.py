@@ -1,4 +1,4 @@
-"""Steady points of both sides with a turning input, and the zeros between them."""
+"""Steady points of both sides with a turning input, and the zeros between the points."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["RunningPoint", "RunningRecording", "RunningTable"]
 FloatArray = NDArray[np.float64]
 Row = Mapping[str, Any]
 SLACK_SHARE = 0.003
-"""Loading accuracy plus additional torque of a sound module, as a share of its range."""
+"""Loading accuracy plus additional torque of a healthy module, as a share of its range."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class RunningRecording:
     Parameters
     ----------
     nominal_rpm, nominal_nm : float64[n]
-        Input speed and output torque that were requested.
+        Requested input speed and output torque.
     speed_rpm : mapping of side to float64[n]
         Mean speeds, clockwise positive, 1/min.
     torque_nm : mapping of side to float64[n]
@@ -45,18 +45,18 @@ class RunningRecording:
     zero_uncertainty_nm : mapping of side to float
         Standard uncertainty of the zero, N·m.
     true_torque_nm : mapping of side to float64[n] or None
-        The twin's; None on a real bench.
+        True torque of the twin; None on a real bench.
     direction, branch, repeat : int[n]
         +1 clockwise; +1 while the speed rises; 1, 2, 3.
     series : int[n]
-        Number of the zero before: points of one series share its error.
+        Number of the preceding zero: the points of a series share its error.
     temperature_c : float64[n]
         Of the reducer; NaN without a probe.
     time_s : float64[n]
         Bench time, s.
     compensated : mapping of side to bool
     unsettled : int
-        Points that were taken although a reading still drifted.
+        Number of points of which a reading still drifted.
     """
 
     nominal_rpm: FloatArray
@@ -89,7 +89,7 @@ class RunningPoint:
 
 @dataclass
 class RunningTable:
-    """Gathers points and the zeros between them."""
+    """Collector of points and of the zeros between them."""
 
     devices: BenchDevices
     sides: tuple[Side, ...]
@@ -100,10 +100,10 @@ class RunningTable:
     zeros: dict[Side, list[tuple[float, float, float]]] = field(
         default_factory=lambda: {side: [] for side in SIDES}
     )
-    """For each zeroing: bench time, signal, and the compensated torque of a reading of 0."""
+    """For each zeroing: bench time, signal, and the compensated torque for a reading of 0."""
 
     def zero(self, duration_s: float) -> Plan[None]:
-        """Zero all sides in use; the last of them is driven afterwards, drive on."""
+        """Zero all sides in use; afterwards the last of them is driven, with the drive on."""
         for side in self.sides[:-1]:
             found = yield from measure_zero(self.devices, side, duration_s=duration_s)
             self._zero(side, found.signal)
@@ -122,7 +122,7 @@ class RunningTable:
         self.zeros[side].append((context.clock.now(), signal, standing))
 
     def take(self, point: RunningPoint, settings: SteadySettings) -> Plan[None]:
-        """Take the steady torques of all sides in use over the same window."""
+        """Measure the steady torques of all sides in use over the same window."""
         for side in self.sides:
             yield Msg("prepare", self.devices.module(side).steady, settings, group="reducer")
         yield Msg("wait", None, group="reducer")
@@ -151,7 +151,7 @@ class RunningTable:
     # -- results ----------------------------------------------------------------------------
 
     def compensated(self) -> bool:
-        """Tell whether every torque of all sides in use was compensated."""
+        """Return whether every torque of all sides in use was compensated."""
         return all(self._modelled(side) for side in self.sides)
 
     def _modelled(self, side: Side) -> bool:
@@ -202,11 +202,11 @@ class RunningTable:
         return np.maximum(np.searchsorted(at, self._column(side, "time_s")) - 1, 0)
 
     def _drift(self, side: Side) -> tuple[FloatArray, float]:
-        """Return a standing shaft's reading at each point and its standard uncertainty, N·m.
+        """Return the interpolated reading at standstill for each point, and its u, N·m.
 
         The zero is interpolated linearly between zeroings; half of its change is the limit of a
-        rectangular distribution. A chain may state a torque other than 0 for a reading of 0,
-        depending on its hysteresis: that is subtracted too.
+        rectangular distribution. Depending on its hysteresis, a chain may return a torque other
+        than 0 for a reading of 0: this is subtracted as well.
         """
         zeros = self.zeros[side]
         if not zeros or not self.rows:
@@ -220,11 +220,11 @@ class RunningTable:
 
 
 def _in_small_cycles(torque: Torque) -> Torque:
-    """Return torques in the middle of the chain's loop, regardless of the stated place in it.
+    """Return torques for the middle of the chain's hysteresis loop, whatever its branch.
 
     The small cycles of a test lie inside the calibration's hysteresis loop, with a zero of their
-    own. The weights of the play operators aren't known well enough to follow them there: no-load
-    torque of two simulated RV-40E benches had errors of up to 2 % with the stated place and of up
-    to 0.7 % with the middle. The contribution of the place remains as an uncertainty.
+    own. The weights of the play operators aren't known well enough for these cycles: the no-load
+    torques of two simulated RV-40E benches had errors of up to 2 % with the stated position in the
+    loop and of up to 0.7 % with its middle. The difference remains as an uncertainty.
     """
     return torque.without("hysteresis")

@@ -41,9 +41,9 @@ __all__ = [
 REDUCER_SETUP = Setup("reducer_test", "input", "reducer", "free")
 REDUCER_PROBE = "reducer"
 SPEED_TOLERANCE = 0.02
-"""Largest relative deviation of a drive's speed before it counts as saturated."""
+"""Largest relative deviation of a drive's speed; beyond it, the drive counts as saturated."""
 TURN_RPM = 300.0
-"""Input speed while the output is turned to another position, if the reducer allows it, 1/min."""
+"""Input speed for turning the output to another position, if the reducer allows it, 1/min."""
 GENTLE_RPM_PER_S = 300.0
 """Rate of the input's speed between small torques, (1/min)/s. A faster change would load the
 transducer with the shafts' inertia, and its parts would re-seat.
@@ -99,7 +99,7 @@ class ReducerLimits:
 
     @property
     def turning_rpm(self) -> float:
-        """Largest input speed while the output is turned to another position, 1/min."""
+        """Largest input speed for turning the output to another position, 1/min."""
         return min(TURN_RPM, self.largest_input_rpm)
 
     def reachable(self, speeds_rpm: Iterable[float]) -> tuple[float, ...]:
@@ -152,20 +152,21 @@ class ReducerLimits:
 
 @dataclass(frozen=True)
 class WarmUp:
-    """When a reducer is treated as warm: its temperature no longer changes.
+    """Conditions under which a reducer counts as warm: its temperature no longer changes.
 
     Parameters
     ----------
     speed_rpm : float
         Input speed while warming up, 1/min.
     rate_k_per_min : float
-        The temperature is steady where it changes by less, K/min.
+        Change below which the temperature is steady, K/min.
     window_s : float
-        Time over which that is evaluated, s.
+        Time over which this change is evaluated, s.
     interval_s : float
         Time between two readings, s.
     longest_s : float
-        Time without a steady temperature after which the test is refused, s; 0 omits warming up.
+        Longest time until the temperature is steady; after it the test is refused, s; 0 skips the
+        warm-up.
     """
 
     speed_rpm: float = 600.0
@@ -183,7 +184,7 @@ class WarmUp:
             )
 
     def steady(self, seen: list[tuple[float, float]]) -> bool:
-        """Tell whether temperatures (time in s, °C) stay within the rate over the last window.
+        """Return whether temperatures (time in s, °C) are steady over the last window.
 
         Examples
         --------
@@ -196,7 +197,7 @@ class WarmUp:
         return abs(self.rate(seen)) <= self.rate_k_per_min
 
     def rate(self, seen: list[tuple[float, float]]) -> float:
-        """Return the slope over the last window, K/min; infinite before it is full."""
+        """Return the slope over the last window, K/min; infinite until the window is full."""
         if not seen or seen[-1][0] - seen[0][0] < self.window_s - 1e-6:
             return float("inf")
         rows = [row for row in seen if row[0] >= seen[-1][0] - self.window_s - 1e-6]
@@ -224,7 +225,7 @@ def run_metadata(
 
 
 def temperature_c(devices: BenchDevices, probe: str = REDUCER_PROBE) -> Plan[float]:
-    """Read a probe, °C; NaN where the bench has none of this name."""
+    """Read a probe, °C; NaN if the bench has no probe of this name."""
     if probe not in devices.context.description.temperatures:
         return float("nan")
     reading = yield Msg("read", devices.temperatures)
@@ -232,9 +233,10 @@ def temperature_c(devices: BenchDevices, probe: str = REDUCER_PROBE) -> Plan[flo
 
 
 def warm_up(devices: BenchDevices, limits: ReducerLimits, settings: WarmUp) -> Plan[float]:
-    """Turn the input, output free, until the reducer's temperature is steady; return it in °C.
+    """Turn the input with the output free until the reducer's temperature is steady; return it, °C.
 
-    Expects the input driven and the output free; leaves the input at standstill, drive on.
+    The input must be driven and the output free; afterwards the input is at standstill with the
+    drive on.
 
     Raises
     ------
@@ -301,9 +303,10 @@ def angle_rad(devices: BenchDevices, side: Side) -> Plan[float | None]:
 def turn_output(
     devices: BenchDevices, limits: ReducerLimits, output_deg: float, *, speed_rpm: float = inf
 ) -> Plan[None]:
-    """Turn the output by an angle through the reducer, and check that it turns by its ratio.
+    """Turn the output by an angle through the reducer, and check the ratio.
 
-    Expects the input driven and the output free; leaves the input at standstill, drive on.
+    The input must be driven and the output free; afterwards the input is at standstill with the
+    drive on.
 
     Raises
     ------
@@ -319,12 +322,12 @@ def turn_output(
     rate = context.description.input.drive.speed_rate_rad_per_s2
     path = abs(output_deg) * DEGREE * abs(limits.ratio)
     speed = min(speed_rpm, limits.turning_rpm) * RAD_S_PER_RPM
-    speed = min(speed, float(np.sqrt(path * rate)))  # short paths never reach it
+    speed = min(speed, float(np.sqrt(path * rate)))  # short movements never reach it
     ramp_rad = 0.5 * speed**2 / rate
     yield from power_on(devices, "input")
     yield from move(axis, float(np.copysign(speed, output_deg * limits.ratio)))
     turned_rad = ramp_rad
-    if before is not None:  # a command that was late has left it turning for longer, or for less
+    if before is not None:  # a late command has left it turning for longer or for shorter
         present = context.commands.input.turned.until(context.clock.present())
         turned_rad = abs(present.angle_rad - began.angle_rad)
     yield from sleep(max(0.0, (path - turned_rad - ramp_rad) / speed))
@@ -333,7 +336,7 @@ def turn_output(
     after = yield from _angles(devices)
     if before is not None and after is not None:
         ended = context.commands.input.turned.until(context.clock.now())
-        # a start counts from up to a block later, which makes a short ramp lower, too
+        # a start may count a block later, which also lowers a short ramp
         slack_rad = 0.2 + 2.0 * speed * context.description.counter.block_s
         slack_rad += ended.uncertain_rad - began.uncertain_rad
         turned = after - before
@@ -353,7 +356,7 @@ def _angles(devices: BenchDevices) -> Plan[NDArray[np.float64] | None]:
 def _check_ratio(
     limits: ReducerLimits, input_rad: float, output_rad: float, told_rad: float, slack_rad: float
 ) -> None:
-    """Compare the angles of both encoders over an unloaded movement with the drive's commands."""
+    """Compare the angles of both encoders over an unloaded movement with the commanded angle."""
     if abs(input_rad - told_rad) > 0.05 * abs(told_rad) + slack_rad:
         raise BenchError(
             Message(
@@ -385,7 +388,7 @@ def check_followed(
     *,
     slack_nm: float = 0.0,
 ) -> None:
-    """Refuse a point whose drive doesn't reach its set point: it saturates.
+    """Refuse a point whose drive doesn't reach its set point because it saturates.
 
     Parameters
     ----------
@@ -430,21 +433,21 @@ def check_followed(
 def over_turns(
     speed_rpm: float, settle_s: float, shortest_s: float, limit_s: float = 0.0
 ) -> SteadySettings:
-    """Return how a torque is averaged over whole turns of the input that last at least so long."""
+    """Return settings that average a torque over whole input turns, for at least a given time."""
     window_s = whole_turns_s(shortest_s, speed_rpm)
     return SteadySettings(settle_s, window_s, limit_s, turn_s(speed_rpm))
 
 
 class Directed(Protocol):
-    """Settings that say which directions are driven."""
+    """Settings that state which directions are driven."""
 
     @property
     def clockwise(self) -> bool:
-        """Whether clockwise is."""
+        """Whether to drive clockwise."""
 
     @property
     def counter_clockwise(self) -> bool:
-        """Whether counter-clockwise is."""
+        """Whether to drive counter-clockwise."""
 
 
 def directions(settings: Directed) -> tuple[int, ...]:
@@ -462,14 +465,14 @@ def directions(settings: Directed) -> tuple[int, ...]:
 
 
 def stamp(devices: BenchDevices, **fields: Any) -> Plan[None]:
-    """Mark the following events with a point."""
+    """Stamp the following events with a point."""
     yield from move(devices.point, Point(**fields))
 
 
 def turn_at(
     devices: BenchDevices, side: Side, speed_rpm: float, rate_rpm_per_s: float
 ) -> Plan[None]:
-    """Bring a shaft to a speed in 1/min at a rate in (1/min)/s, or at the drive's where slower."""
+    """Ramp a shaft to a speed, 1/min, at a rate, (1/min)/s, at most at the drive's rate."""
     yield from move(devices.module(side).drive.speed, speed_ramp(speed_rpm, rate_rpm_per_s))
 
 
@@ -479,12 +482,12 @@ def speed_ramp(speed_rpm: float, rate_rpm_per_s: float) -> RampTo:
 
 
 def check_speeds(speeds_rpm: tuple[float, ...], repeats: int, rate_rpm_per_s: float) -> None:
-    """Refuse a sweep whose speeds don't rise from above 0, or that isn't driven at all.
+    """Refuse a sweep whose speeds don't rise from above 0, or that has no repeats or no rate.
 
     Raises
     ------
     InputError
-        With the speeds, the repeats or the rate of change that was found.
+        With the refused speeds, repeats or rate.
     """
     if not rate_rpm_per_s > 0.0:
         raise InputError(

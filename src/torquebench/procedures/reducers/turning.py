@@ -57,7 +57,7 @@ class TransmissionSettings:
     output_rpm : float
         Speed of the output, 1/min.
     revolutions : float
-        Output revolutions that are evaluated, at least 1.
+        Number of evaluated output revolutions, at least 1.
     margin : float
         Additional turning beyond them, output revolutions.
     clockwise, counter_clockwise : bool
@@ -113,13 +113,14 @@ class TransmissionRecording:
     directions : tuple of AngleRecording
     output_rpm : float
     revolutions : float
-        As in the settings.
+        Speed and revolutions as in the settings.
     temperature_c : float
         Of the reducer; NaN without a probe.
     counts_per_revolution : mapping of side to int
-        Of the encoders.
+        Resolution of the encoders.
     certified_rad : mapping of side to float
-        Standard uncertainty of the angles of encoders whose certificate was corrected for, rad.
+        Standard uncertainty of the angles of encoders that were corrected by their certificates,
+        rad.
     """
 
     directions: tuple[AngleRecording, ...]
@@ -133,7 +134,7 @@ class TransmissionRecording:
 def transmission_error(
     devices: BenchDevices, limits: ReducerLimits, settings: TransmissionSettings | None = None
 ) -> Plan[TransmissionRecording]:
-    """Turn the input, output free, over full output revolutions in each direction.
+    """Turn the input with the output free, over full output revolutions in each direction.
 
     A direction that a pause interrupts is driven again.
 
@@ -192,7 +193,7 @@ def transmission_error(
 def _corrected(
     recording: AngleRecording, certificates: Mapping[Side, EncoderCertificate]
 ) -> AngleRecording:
-    """Subtract the corrections of the encoders' certificates."""
+    """Correct the angles by the encoders' certificates."""
     given, taken = recording.input_angle_rad, recording.output_angle_rad
     if "input" in certificates:
         given = certificates["input"].correct(given)

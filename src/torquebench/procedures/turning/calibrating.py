@@ -36,23 +36,23 @@ def calibrate_turning(
     """Load a turning module against the rotating calibrator.
 
     Each value is a mean over whole revolutions. Reading and reference are zeroed at rest before
-    each series. Points of a calibration without torque at each speed, before and after its
-    loadings, show the zero at speed. A verification loads the module with random torques at each of
-    its random speeds; the speed changes at zero torque.
+    each series. In a calibration, points without torque before and after the loadings of each speed
+    show the zero at speed. A verification loads the module with random torques at each of its
+    random speeds; the speed changes at zero torque.
 
     Parameters
     ----------
     devices : BenchDevices
     side : {"input", "output"}
     profile : TurningProfile
-        Of kind "calibration" or "verification".
+        Profile of kind "calibration" or "verification".
     wait : bool
         Whether a series waits for its temperature.
     series_done : int
-        Series that were measured before: they aren't again.
+        Number of series that were already measured and are skipped.
     on_series : callable, optional
         Called after every complete series with the points of this run and the number of complete
-        series, those before included.
+        series, earlier ones included.
 
     Raises
     ------
@@ -109,7 +109,7 @@ class _Loader:
         yield from progress(len(self.points), len(self.points), "done")
 
     def _point(self, number: int) -> Plan[Mapping[str, Any]]:
-        """Bring the module to the speed and the torque of a point, and take its steady value."""
+        """Bring the module to the speed and torque of a point, and measure its steady value."""
         point, profile, steady = self.points[number], self.profile, self._module.steady
         if point.series != self.series:
             if self.speed_rpm != 0.0:
@@ -140,14 +140,14 @@ class _Loader:
         return row
 
     def _turn(self, speed_rpm: float) -> Plan[None]:
-        """Bring the shaft to a speed, without torque."""
+        """Ramp the shaft to a speed, without torque."""
         rate = self.profile.top_rpm(self.side) / self.profile.ramps.gentle_s
         yield from move(self._module.drive.torque, 0.0)
         yield from turn_at(self.devices, self.side, speed_rpm, rate)
         self.speed_rpm = speed_rpm
 
     def _restore(self, number: int) -> Plan[None]:
-        """Turn the shaft again after a pause; go to the turning point of a falling branch."""
+        """Turn the shaft again after a pause; load the turning point of a falling branch."""
         point = self.points[number]
         if point.series != self.series:  # a series begins at rest
             self.speed_rpm = 0.0

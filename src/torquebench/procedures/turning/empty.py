@@ -68,7 +68,7 @@ class EmptySummary:
     side : {"input", "output"}
     series, rows : int
     zero : float
-        Frequency of the zero that all readings count from.
+        Frequency of the zero that is subtracted from all readings.
     lowest_c, highest_c : float
         Temperatures of the transducer; NaN without a probe.
     """
@@ -83,12 +83,12 @@ class EmptySummary:
 
 @dataclass(kw_only=True)
 class SeriesTable:
-    """Rows of a run in series, one a window of the counter; the first column is the time.
+    """Rows of a run in series, one row per window of the counter; the first column is the time.
 
     Parameters
     ----------
     series_done : int
-        Series that are complete; rows after them belong to one that isn't.
+        Number of complete series; later rows belong to an incomplete one.
     shift_s : float
         Added to the bench time, so that rows of a resumed run follow the earlier ones.
     """
@@ -100,21 +100,21 @@ class SeriesTable:
     _complete: int = 0
 
     def end_series(self) -> None:
-        """Count the series as complete."""
+        """Count the current series as complete."""
         self.series_done += 1
         self._complete = len(self._pieces)
 
     def drop_incomplete(self) -> None:
-        """Drop rows of a series that isn't complete."""
+        """Remove the rows of an incomplete series."""
         del self._pieces[self._complete :]
 
     def begin_with(self, rows: FloatArray, series_done: int) -> None:
-        """Take over the rows of an interrupted run."""
+        """Start with the rows of an interrupted run."""
         self._pieces, self._complete, self.series_done = [rows], 1, series_done
 
     @property
     def rows(self) -> FloatArray:
-        """Columns `COLUMNS`."""
+        """Rows with the columns `COLUMNS`."""
         return np.concatenate([np.empty((0, len(self.COLUMNS))), *self._pieces])
 
 
@@ -126,8 +126,8 @@ class EmptyTable(SeriesTable):
     ----------
     side : {"input", "output"}
     zero, zero_uncertainty_nm : float
-        Frequency of the zero that all readings count from, and its standard uncertainty; NaN before
-        it was taken.
+        Frequency of the zero that is subtracted from all readings, and its standard uncertainty;
+        NaN before it was measured.
     """
 
     COLUMNS: ClassVar = ("time_s", "reading_nm", "speed_rpm", "temperature_c", "angle_deg")
@@ -136,7 +136,7 @@ class EmptyTable(SeriesTable):
     zero_uncertainty_nm: float = float("nan")
 
     def add(self, found: Record, before_c: float, after_c: float) -> None:
-        """Add an interval, with the temperature linear between two readings."""
+        """Add the rows of an interval, with the temperature linear between two readings."""
         warm = np.linspace(before_c, after_c, len(found))
         rows = np.column_stack(
             [
@@ -185,11 +185,11 @@ def turn_empty(
     devices : BenchDevices
     side : {"input", "output"}
     profile : TurningProfile
-        Of kind "empty".
+        Profile of kind "empty".
     table : EmptyTable
-        Gets the rows; complete series that are in it already aren't driven again.
+        Table for the rows; complete series in it are skipped.
     wait : bool
-        Whether a series waits for its temperature; otherwise it is assumed.
+        Whether a series waits for its temperature; otherwise it starts at once.
     on_series : callable, optional
         Called with the table after every complete series.
 
@@ -236,7 +236,7 @@ def reach_temperature(
     ----------
     devices, side, profile, series
     done : (int, int)
-        Steps that are done, and all of them, for the progress.
+        Number of completed steps and of all steps, for the progress.
 
     Raises
     ------
@@ -287,7 +287,7 @@ class _Runner:
         return (yield from temperature_c(self.devices, probe or ""))
 
     def take_zero(self) -> Plan[None]:
-        """Take the zero that all readings count from, once; the drive is on afterwards."""
+        """Measure the zero that is subtracted from all readings, once; the drive stays on."""
         module = self.devices.module(self.side)
         if np.isnan(self.table.zero):
             found = yield from zero(self.devices, self.side, duration_s=self.profile.zero_s)
@@ -299,7 +299,7 @@ class _Runner:
         yield from power_on(self.devices, self.side)
 
     def warm_up(self) -> Plan[None]:
-        """Turn for a while, so that the bench warms up by itself."""
+        """Turn for some time, so that the bench warms up."""
         settings = self.profile.warm_up
         assert settings is not None
         yield from self._turn(settings.share * self.profile.top_rpm(self.side))
@@ -312,19 +312,19 @@ class _Runner:
         yield from sleep(REST_S)
 
     def _turn(self, speed_rpm: float) -> Plan[None]:
-        """Bring the shaft to a speed at the profile's gentle rate."""
+        """Ramp the shaft to a speed at the profile's gentle rate."""
         rate = self.profile.top_rpm(self.side) / self.profile.ramps.gentle_s
         yield from power_on(self.devices, self.side)
         yield from turn_at(self.devices, self.side, speed_rpm, rate)
         self.speed_rpm = speed_rpm
 
     def _turn_again(self) -> Plan[None]:
-        """Bring the shaft back to its speed before a pause."""
+        """Ramp the shaft back to its speed before a pause."""
         yield from self._turn(self.speed_rpm)
         yield from sleep(REST_S)
 
     def drive(self, series: int, place: int, leg: Leg) -> Plan[None]:
-        """Drive one leg, again after a pause."""
+        """Drive one leg, and repeat it after a pause."""
         yield from progress(self._done(series, place), self.total, leg.what)
         kept = yield from again_after_pause(
             partial(self._leg, series, place, leg), self._turn_again

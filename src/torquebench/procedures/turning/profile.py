@@ -33,7 +33,7 @@ __all__ = [
 
 Share = Annotated[float, Field(gt=0, le=1)]
 Seconds = Annotated[float, Field(gt=0, le=3600)]
-_PIECES = 12  # of a sine's period
+_PIECES = 12  # as a share of a sine's period
 
 
 def turn_s(speed_rpm: float) -> float:
@@ -42,7 +42,7 @@ def turn_s(speed_rpm: float) -> float:
 
 
 def whole_turns_s(shortest_s: float, speed_rpm: float) -> float:
-    """Return the time of the whole turns that last at least so long, s.
+    """Return the time of whole turns, at least a given time, s.
 
     Examples
     --------
@@ -56,7 +56,7 @@ def whole_turns_s(shortest_s: float, speed_rpm: float) -> float:
 def _sine(
     middle: float, size: float, period_s: float, cycles: int
 ) -> tuple[tuple[float, float], ...]:
-    """Return a sine in pieces: the value at the end of each, and its rate."""
+    """Return a sine as line segments: the value at the end of each, and its rate."""
     ramps, before = [], middle
     for piece in range(1, _PIECES * cycles + 1):
         value = round(middle + size * sin(TURN * piece / _PIECES), 9)
@@ -67,7 +67,7 @@ def _sine(
 
 @dataclass(frozen=True)
 class Leg:
-    """Ramps to speeds, recorded as one stretch, and how long the last speed is held.
+    """Ramps to speeds, recorded as one interval, with the time for which the last speed is held.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Leg:
         Speed, 1/min, and rate, (1/min)/s.
     hold_s : float
     what : str
-        In words.
+        Description of the leg.
     """
 
     ramps: tuple[tuple[float, float], ...]
@@ -84,13 +84,13 @@ class Leg:
 
     @property
     def speed_rpm(self) -> float:
-        """Speed at the end."""
+        """Final speed."""
         return self.ramps[-1][0]
 
 
 @dataclass(frozen=True)
 class TorqueLeg:
-    """Torques one after the other around a preload, against a held flange.
+    """A sequence of torques around a preload, against a fixed flange.
 
     Parameters
     ----------
@@ -98,11 +98,11 @@ class TorqueLeg:
     ramps : tuple of (float, float)
         Torque, N·m, and rate, N·m/s.
     hold_s : float
-        After each torque of steps; 0 in a sine, which is recorded as one stretch.
+        Time after each step; 0 for a sine, which is recorded as one interval.
     period_s : float
-        Of a sine; 0 for steps.
+        Period of a sine; 0 for steps.
     what : str
-        In words.
+        Description of the leg.
     """
 
     preload_nm: float
@@ -120,9 +120,9 @@ class TurningPoint:
     ----------
     speed_rpm, torque_nm : float
     branch : int
-        +1 where the size of the torque grows, -1 where it falls.
+        +1 if the magnitude of the torque grows, -1 if it falls.
     series : int
-        From 1. Each series begins at rest with a zero.
+        Number of the series, from 1. Each series begins at rest with a zero.
     """
 
     speed_rpm: float
@@ -136,14 +136,14 @@ class _Settings(BaseModel):
 
 
 class Ramps(_Settings):
-    """Time from standstill to the largest speed, s."""
+    """Durations of the ramps from standstill to the largest speed, s."""
 
     gentle_s: Seconds = 20.0
     steep_s: Seconds = 4.0
 
 
 class Temperatures(_Settings):
-    """Temperatures of the transducer that are waited for, °C."""
+    """Temperatures of the transducer at which series are measured, °C."""
 
     wanted_c: Annotated[list[Annotated[float, Field(ge=-20, le=80)]], Field(min_length=1)]
     within_k: Annotated[float, Field(gt=0, le=10)] = 1.5
@@ -152,7 +152,7 @@ class Temperatures(_Settings):
 
 
 class WarmUp(_Settings):
-    """Turning between the series, so that the bench warms up by itself."""
+    """Turning between the series, so that the bench warms up."""
 
     share: Share = 1.0
     minutes: Annotated[float, Field(gt=0, le=1440)] = 20.0
@@ -160,7 +160,7 @@ class WarmUp(_Settings):
 
 
 class Swings(_Settings):
-    """Sines of the speed: their middle and size as shares of the largest speed."""
+    """Sines of the speed, with their middle and amplitude as shares of the largest speed."""
 
     around: Share = 0.5
     share: Share = 0.2
@@ -177,7 +177,7 @@ class RandomPoints(_Settings):
 
 
 class Steps(_Settings):
-    """Steps of torque, as fast as the drive, around a preload: shares of the range."""
+    """Steps of torque around a preload, as fast as the drive allows, as shares of the range."""
 
     preload_share: Share = 0.2
     shares: Annotated[list[Annotated[float, Field(gt=0, le=0.2)]], Field(min_length=1)]
@@ -186,7 +186,7 @@ class Steps(_Settings):
 
 
 class Sines(_Settings):
-    """Sines of torque of one size around the steps' preload: shares of the range."""
+    """Sines of torque of one amplitude around the steps' preload, as shares of the range."""
 
     share: Share = 0.15
     periods_s: Annotated[list[Annotated[float, Field(ge=1, le=10)]], Field(min_length=2)]
@@ -200,24 +200,25 @@ class TurningProfile(_Settings):
     ----------
     name, title : str
     kind : {"empty", "calibration", "verification", "dynamics"}
-        Nothing mounted; steady torques against the turning calibrator, at stated steps or at
-        random; or steps and sines of torque against the calibrator at rest.
+        "empty": nothing mounted; "calibration" and "verification": steady torques against the
+        turning calibrator, at stated or at random values; "dynamics": steps and sines of torque
+        against the calibrator at rest.
     speed_shares : list of float
         Rising shares of the largest speed; each in both directions. A verification draws speeds
         between the first and the last.
     largest_rpm : dict of side to float
     hold_s, settle_s : float
-        Shortest time at a speed, lengthened to whole revolutions, and time before it is used.
+        Shortest time at a speed, lengthened to whole revolutions, and settling time before it.
     ramps, temperatures, warm_up, swings
         Parts of an empty run.
     torque_shares : list of float
-        Rising shares of the range, of a calibration. A verification draws torques up to the last.
+        Rising shares of the range for a calibration. A verification draws torques up to the last.
     random : RandomPoints, optional
         Points of each series of a verification.
     steps, sines
         Parts of a dynamics run.
     repeats : int
-        Series at each temperature.
+        Number of series at each temperature.
     """
 
     name: str
@@ -275,12 +276,12 @@ class TurningProfile(_Settings):
         return self
 
     def with_seed(self, seed: int) -> TurningProfile:
-        """Return the profile with random points by another seed.
+        """Return the profile with random points of another seed.
 
         Raises
         ------
         InputError
-            Where its points aren't random.
+            If its points aren't random.
         """
         if self.random is None:
             raise InputError(
@@ -314,7 +315,7 @@ class TurningProfile(_Settings):
 
     @property
     def largest_share(self) -> float:
-        """Largest torque of sines, and of steps with a vibration as large as the step."""
+        """Largest torque of sines, and of steps with their vibration, as a share of the range."""
         assert self.steps is not None
         most = 2.0 * max(self.steps.shares)
         return self.steps.preload_share + max(most, 0.0 if self.sines is None else self.sines.share)
@@ -352,18 +353,18 @@ class TurningProfile(_Settings):
         return legs
 
     def turning_s(self, speed_rpm: float) -> float:
-        """Return how long a speed is held: whole revolutions."""
+        """Return the time for which a speed is held, in whole revolutions."""
         return whole_turns_s(self.hold_s, speed_rpm)
 
     def series(self) -> int:
-        """Return how many series there are."""
+        """Return the number of series."""
         if self.warm_up is not None:
             return self.warm_up.series * self.repeats
         temperatures = 1 if self.temperatures is None else len(self.temperatures.wanted_c)
         return temperatures * self.repeats
 
     def wanted_c(self, series: int) -> float | None:
-        """Return the temperature that a series (from 0) waits for."""
+        """Return the temperature for a series (from 0), if it has one."""
         if self.temperatures is None:
             return None
         return self.temperatures.wanted_c[series // self.repeats]

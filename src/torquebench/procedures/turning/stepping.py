@@ -38,7 +38,7 @@ FloatArray = NDArray[np.float64]
 
 _PRELOADED_S = 1.0
 _LONGEST_STEP_S = 0.05
-"""Half a period of the lowest vibration that is looked for."""
+"""Longest duration of a step, s: half a period of the slowest vibration that is searched for."""
 _Stretch = tuple[Record, float]
 
 
@@ -49,7 +49,7 @@ class StepTable(SeriesTable):
     COLUMNS: ClassVar = ("time_s", "reading_nm", "standard_nm", "segment", "period_s")
 
     def add(self, found: Record, period_s: float) -> None:
-        """Add a stretch: a step, or a sine with its period."""
+        """Add the samples of an interval: a step, or a sine with its period."""
         count = len(found)
         number = 1.0 + (self._pieces[-1][-1, 3] if self._pieces else 0.0)
         rows = [found.time_s + self.shift_s, found["reading_nm"], found["standard_nm"]]
@@ -63,7 +63,7 @@ def check_drive(devices: BenchDevices, side: Side, profile: TurningProfile) -> N
     Raises
     ------
     LimitError
-        Naming the largest step or the shortest period.
+        With the largest possible step or the shortest possible period.
     """
     module = devices.context.description.module(side)
     full, rate = module.range_nm, module.drive.torque_rate_nm_per_s
@@ -116,16 +116,16 @@ def step_torques(
 ) -> Plan[StepTable]:
     """Load a module at rest with steps and sines of torque against the calibrator.
 
-    The drive makes the steps as fast as it can. A leg that a pause interrupts is made again.
+    The drive makes the steps as fast as it can. A leg that a pause interrupts is repeated.
 
     Parameters
     ----------
     devices : BenchDevices
     side : {"input", "output"}
     profile : TurningProfile
-        Of kind "dynamics".
+        Profile of kind "dynamics".
     table : StepTable
-        Gets the rows; complete series that are in it already aren't measured again.
+        Table for the rows; complete series in it are skipped.
     on_series : callable, optional
         Called with the table after every complete series.
 
@@ -162,7 +162,7 @@ def step_torques(
 
 @dataclass
 class _Stepper:
-    """Makes the legs of a dynamics run."""
+    """Drives the legs of a dynamics run."""
 
     devices: BenchDevices
     side: Side
@@ -170,7 +170,7 @@ class _Stepper:
     total: int
 
     def load(self, series: int, done: int, leg: TorqueLeg) -> Plan[None]:
-        """Make one leg, again after a pause."""
+        """Drive one leg, and repeat it after a pause."""
         yield from progress(done, self.total, leg.what)
         kept = yield from again_after_pause(partial(self._leg, series, done, leg))
         for stretch in kept:
@@ -184,7 +184,7 @@ class _Stepper:
         yield from move(drive.torque, leg.preload_nm)
         yield from move(recorder, self.side)
         yield from sleep(_PRELOADED_S)
-        yield from move(recorder, self.side)  # short windows are counted by now
+        yield from move(recorder, self.side)  # by now short windows are being counted
         for torque_nm, rate in leg.ramps:
             yield from move(drive.torque, RampTo(torque_nm, rate))
             if leg.hold_s:
