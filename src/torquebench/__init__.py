@@ -3,9 +3,9 @@
 ``import torquebench as tb`` is the interface for notebooks and scripts: `read_calibration`, `fit`,
 `compare`, `plot` and `load_model`, with data frames in and out.
 
-The pure packages (`signals`, `mechanics`, `uncertainty`, `compensation`, `calibration`,
-`reducers`) take NumPy arrays and return values; `bench`, `procedures`, `records`,
-`station`, `reports` and `cli` are the edge that moves devices and writes files.
+The pure packages (`signals`, `mechanics`, `uncertainty`, `compensation`, `calibration`, `reducers`)
+take NumPy arrays and return values; `bench`, `procedures`, `records`, `station`, `reports` and
+`cli` move devices and write files.
 """
 
 import lazy_loader

@@ -1,7 +1,7 @@
-"""Files that hold either their old content or all of the new one.
+"""Atomic writes: a file holds either its old content or all of the new content.
 
-Only regular files are replaced. Links are followed, devices and pipes are written to, and ``-`` is
-standard output.
+Only regular files are replaced. Links are followed, devices and pipes are written to directly, and
+``-`` is standard output.
 """
 
 import contextlib
@@ -42,24 +42,24 @@ _DISK_FAILED = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 
 def atomic_write(path: Path, content: str | bytes, *, private: bool = False) -> None:
-    """Write a file so that it holds either its old content or all of the new one.
+    """Write a file so that it holds either its old content or all of the new content.
 
     Parameters
     ----------
     path : pathlib.Path
-        Where to write; its folder must exist. A link is followed, a device or pipe is written to,
-        and ``-`` is standard output.
+        File to be written; its folder must exist. A link is followed, a device or pipe is written
+        to directly, and ``-`` is standard output.
     content : str or bytes
-        Text is written as UTF-8 with the line ends that it has.
+        Text is written as UTF-8 with unchanged line ends.
     private : bool
         Whether a new file is its owner's alone.
 
     Raises
     ------
     InputError
-        Where the path can't be written to.
+        If the path can't be written to.
     RecordError
-        Where the disk is full or fails.
+        If the disk is full or fails.
     """
     with atomic_file(path, private=private) as file:
         file.write(content.encode() if isinstance(content, str) else content)
@@ -67,7 +67,7 @@ def atomic_write(path: Path, content: str | bytes, *, private: bool = False) -> 
 
 @contextlib.contextmanager
 def atomic_file(path: Path, *, private: bool = False) -> Iterator[IO[bytes]]:
-    """Yield a binary file whose content replaces that of a path when the block ends without error.
+    """Yield a binary file whose content replaces that of a path if the block ends without error.
 
     Parameters and errors are those of `atomic_write`. Writes to a device, a pipe or standard output
     are direct.
@@ -87,9 +87,10 @@ def atomic_file(path: Path, *, private: bool = False) -> Iterator[IO[bytes]]:
 
 @contextlib.contextmanager
 def atomic_path(path: Path, ending: str = "", *, private: bool = False) -> Iterator[Path]:
-    """Yield the name of an empty file whose content replaces that of a path when the block ends.
+    """Yield the name of an empty file whose content replaces that of a path after the block.
 
-    For libraries that open files themselves. Parameters and errors are those of `atomic_write`.
+    It is meant for libraries that open files themselves. Parameters and errors are those of
+    `atomic_write`.
 
     Parameters
     ----------
@@ -114,12 +115,15 @@ def atomic_path(path: Path, ending: str = "", *, private: bool = False) -> Itera
 
 @contextlib.contextmanager
 def replacing(target: Path, ending: str = "", *, private: bool = False) -> Iterator[Path]:
-    """Yield an empty file beside a file; it replaces that file when the block ends without error.
+    """Yield an empty file beside a target file, which it replaces if the block ends without error.
 
-    It has the permissions of the file that it replaces, unless the block changes them. Errors are
-    the operating system's, and links aren't followed: for callers that report errors themselves.
+    It has the permissions of the file that it replaces, unless the block changes them. It raises
+    the operating system's errors and doesn't follow links: callers have to report errors
+    themselves.
     """
-    if target.exists() and not os.access(target, os.W_OK):  # its folder alone would allow it
+    if target.exists() and not os.access(
+        target, os.W_OK
+    ):  # the folder's permissions alone would allow it
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(target))
     part = target.parent / f".{target.name}.{secrets.token_hex(4)}.part{ending}"
     try:
@@ -127,7 +131,9 @@ def replacing(target: Path, ending: str = "", *, private: bool = False) -> Itera
         if target.exists():
             part.chmod(stat.S_IMODE(target.stat().st_mode))
         yield part
-        with part.open("rb" if os.name == "posix" else "rb+") as file:  # Windows needs to write
+        with part.open(
+            "rb" if os.name == "posix" else "rb+"
+        ) as file:  # Windows requires write permission
             os.fsync(file.fileno())
         part.replace(target)
     finally:
@@ -137,9 +143,9 @@ def replacing(target: Path, ending: str = "", *, private: bool = False) -> Itera
 
 @contextlib.contextmanager
 def atomic_folder(path: Path) -> Iterator[Path]:
-    """Yield a new folder that replaces another one when the block ends without error.
+    """Yield a new folder that replaces another one if the block ends without error.
 
-    One that an interrupted process has left is removed first.
+    A folder that an interrupted process has left is removed first.
     """
     part = path.with_name(f".{path.name}.part")
     shutil.rmtree(part, ignore_errors=True)
@@ -166,12 +172,12 @@ def private_folder(folder: Path) -> None:
 
 
 def require_private(path: Path) -> None:
-    """Refuse a secret's file that others may read.
+    """Refuse a file with secrets that others may read.
 
     Raises
     ------
     InputError
-        With the command that closes it.
+        If others may read it; with the command that prevents this.
     """
     if path.stat().st_mode & 0o077:
         raise InputError(
@@ -180,23 +186,23 @@ def require_private(path: Path) -> None:
 
 
 def create_private(path: Path) -> io.FileIO:
-    """Create a file that is its owner's alone, to be written without a buffer.
+    """Create a file that only its owner may read, for writing without a buffer.
 
     Raises
     ------
     FileExistsError
-        It is there already.
+        The file already exists.
     """
     return io.FileIO(path, "xb", opener=lambda name, flags: os.open(name, flags, 0o600))
 
 
 def is_standard_output(path: Path) -> bool:
-    """Return whether a path leads to standard output, so that nothing else may be printed there."""
+    """Return whether a path leads to standard output, to which nothing else may be printed."""
     return _target(path) == _STANDARD_OUTPUT
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the names in a folder survive a power cut, where the platform can."""
+    """Make the names in a folder durable against a power failure, if the platform can."""
     if os.name == "nt":  # Windows can't open a folder
         return
     handle = os.open(folder, os.O_RDONLY)
@@ -207,7 +213,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def _target(path: Path) -> Path | int:
-    """Return the file that a path leads to, or the number of one of this process's descriptors."""
+    """Return the file to which a path leads, or the number of one of this process's descriptors."""
     if str(path) == "-":
         return _STANDARD_OUTPUT
     current = path.absolute()
@@ -225,7 +231,7 @@ def _target(path: Path) -> Path | int:
 
 
 def _is_special(target: Path) -> bool:
-    """Return whether a path is a device, a pipe or a socket: those are never replaced."""
+    """Return whether a path is a device, a pipe or a socket, which is never replaced."""
     try:
         mode = target.stat().st_mode
     except FileNotFoundError:

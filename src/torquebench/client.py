@@ -1,7 +1,7 @@
 """A client of the panel's HTTP API, for programs: `Client`, and `AsyncClient` for event loops.
 
-It needs ``pip install "torquebench[client]"`` and nothing of the bench: a program on another
-computer starts jobs, receives events and reads results without polling.
+It needs only ``pip install "torquebench[client]"``: a program on another computer starts jobs,
+receives events and reads results without polling.
 
 Examples
 --------
@@ -34,7 +34,7 @@ API_PATH = "/api/v1"
 TIMEOUT_S = 60.0
 """Timeout of an answer, s; a stream of events sends something at least every 15 s."""
 RECONNECTS = 10
-"""Number of breaks of an event stream in a row that is an error."""
+"""Number of successive breaks of an event stream after which an error is raised."""
 
 
 class RefusedError(TorquebenchError):
@@ -43,7 +43,8 @@ class RefusedError(TorquebenchError):
     Attributes
     ----------
     status : int
-        Of HTTP: 401 no valid token, 403 not allowed, 409 the state forbids it, 422 a wrong value.
+        HTTP status: 401 no valid token, 403 not allowed, 409 forbidden in the present state, 422
+        wrong value.
     kind : str
         Name of the error, such as "torquebench:LeaseError".
     """
@@ -61,7 +62,7 @@ class JobError(TorquebenchError):
     Attributes
     ----------
     job : dict
-        As `GET /jobs/ID` has it.
+        The job, as returned by `GET /jobs/ID`.
     """
 
     def __init__(self, job: Mapping[str, Any]) -> None:
@@ -83,7 +84,7 @@ class Event:
     name : str
         "job", "points", "prompt" or "alarm".
     data : dict or None
-        As the API has it; None if the question to the operator has been answered.
+        Data as in the API; None if the request to the operator has been answered.
     """
 
     name: str
@@ -173,14 +174,14 @@ class _Requests:
         return self.request("POST", path, body=body)
 
     def start(self, operation: str, **request: Any) -> Any:
-        """Start an operation and return its job's first state; the result of one that is no job.
+        """Start an operation; return its job's first state, or its result if it isn't a job.
 
         An impossible operation is refused. ``get("/operations")`` lists all of them.
         """
         return self.post(f"/operations/{operation.replace('_', '-')}", **request)
 
     def preview(self, operation: str, **request: Any) -> Any:
-        """Return what an operation would load and turn; nothing moves."""
+        """Return what an operation would load and turn, without moving anything."""
         return self.post(f"/operations/{operation.replace('_', '-')}/preview", **request)
 
     def __getattr__(self, operation: str) -> Callable[..., Any]:
@@ -197,7 +198,7 @@ class _Requests:
         return self.post(f"/prompt/{number}", done=done)
 
     def stop(self, reason: str = "") -> Any:
-        """Bring the bench to its safe state at once; this is no emergency stop."""
+        """Bring the bench to its safe state at once; this doesn't replace an emergency stop."""
         return self.post("/stop", reason=reason)
 
 
@@ -207,11 +208,11 @@ class Client(_Requests):
     Parameters
     ----------
     url : str
-        Such as ``http://127.0.0.1:8080``.
+        Address of the server, such as ``http://127.0.0.1:8080``.
     token : str
-        A client's token, or a session's; `sign_in` opens one.
+        Token of a client or of a session; `sign_in` opens a session.
     **options
-        For `httpx.Client`, such as ``verify`` for a certificate of one's own.
+        Options of `httpx.Client`, such as ``verify`` for a private certificate.
     """
 
     def __init__(self, url: str, token: str = "", **options: Any) -> None:
@@ -236,17 +237,17 @@ class Client(_Requests):
         Raises
         ------
         RefusedError
-            With found, allowed and remedy, as the server says it.
+            With found, allowed and remedy from the server.
         """
         return _content(self.http.request(method, path, params=query, json=body))
 
     def sign_in(self, name: str, password: str) -> None:
-        """Open a person's session and use it from now on."""
+        """Open a session for a person, and use it from now on."""
         session = self.post("/session", name=name, password=password)
         self.http.headers.update(_headers(session["token"]))
 
     def events(self, job_id: str | None = None) -> Iterator[Event]:
-        """Yield events: of one job until its end, otherwise until the connection ends."""
+        """Yield events: of one job until its end, or of all jobs until the connection ends."""
         query = _stated({"job_id": job_id})
         with self.http.stream("GET", "/events", params=query) as answer:
             if not answer.is_success:
@@ -261,13 +262,13 @@ class Client(_Requests):
     def wait(
         self, job_id: str, on_event: Callable[[Event], object] = lambda _event: None
     ) -> dict[str, Any]:
-        """Wait for the end of a job, however it ends, and return it.
+        """Wait for the end of a job, whatever its result, and return it.
 
         Parameters
         ----------
         job_id : str
         on_event : callable
-            Called with every event: points as they arrive, and questions to the operator, which
+            Called with every event: points as they arrive, and requests to the operator, which
             `answer` answers.
         """
         broken = 0
@@ -296,9 +297,9 @@ class Client(_Requests):
         Raises
         ------
         RefusedError
-            It can't be started.
+            The operation can't be started.
         JobError
-            It failed or was aborted.
+            The job failed or was aborted.
         """
         started: dict[str, Any] = self.start(operation, **request)
         if "job_id" not in started:
@@ -350,7 +351,7 @@ class AsyncClient(_Requests):
         self.http.headers.update(_headers(session["token"]))
 
     async def events(self, job_id: str | None = None) -> AsyncIterator[Event]:
-        """Yield what happens; see `Client.events`."""
+        """Yield events; see `Client.events`."""
         query = _stated({"job_id": job_id})
         async with self.http.stream("GET", "/events", params=query) as answer:
             if not answer.is_success:

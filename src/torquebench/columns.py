@@ -1,7 +1,7 @@
 """Columns of files, exports, documents, panel and API: name, unit and description of each.
 
-A name ends in its unit (`torquebench.units`). Quantities of `Readings` are described there, all
-others here.
+A name ends in its unit (`torquebench.units`). Quantities of `Readings` are described in that class,
+all others in this module.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ class Column:
     Parameters
     ----------
     name : str
-        As in files, with side and device.
+        Name in files, with side and device.
     description : str
-        In English, without the side: the template that translations look up. Empty if unknown.
+        In English, without the side: the key of its translations. Empty if unknown.
     note : str
-        For readers of files: the meaning of codes, or the definition.
+        Note for readers of files: the meaning of codes, or a definition.
     side : str
         ``"input"``, ``"output"`` or empty.
     stated_unit : str
-        Of an unknown column, as its document states it.
+        Unit of an unknown column, as its document states it.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Column:
 
     @property
     def unit(self) -> str:
-        """Unit that the name ends in; "1" for other numbers and codes."""
+        """Unit at the end of the name; "1" for other numbers and codes."""
         return unit_of_name(self.name) or ("1" if self.description else self.stated_unit)
 
     @property
@@ -77,7 +77,7 @@ class Column:
 
     @property
     def sentence(self) -> str:
-        """Title, unit and note, for people who read a file or use the API.
+        """Title, unit and note as a sentence, for readers of a file and users of the API.
 
         Examples
         --------
@@ -171,7 +171,7 @@ COLUMNS: Mapping[str, Column] = {
 }
 """Columns by name, without side and device."""
 _OF_SAMPLES = {"torque_nm": COLUMNS["raw_nm"]}
-"""Raw samples are named by their channel, such as ``output_torque``."""
+"""Names of raw samples, which contain their channel, such as ``output_torque``."""
 _SIDE = re.compile(r"(?:(input|output)[-_])?(?:.*-)?(?:(input|output)_)?(.+)")
 
 
@@ -181,9 +181,9 @@ def column_of(name: str, *, samples: bool = False) -> Column:
     Parameters
     ----------
     name : str
-        Such as ``output_torque_hz`` or ``output-steady-standard_nm``.
+        Name such as ``output_torque_hz`` or ``output-steady-standard_nm``.
     samples : bool
-        Whether it is one of raw samples, whose ``output_torque_nm`` isn't compensated.
+        Whether it is a column of raw samples, where ``output_torque_nm`` isn't compensated.
 
     Examples
     --------
@@ -205,7 +205,7 @@ def column_of(name: str, *, samples: bool = False) -> Column:
 
 
 def short_names(keys: list[str]) -> dict[str, str]:
-    """Return column names without devices where that is unambiguous.
+    """Return column names without devices, if that is unambiguous.
 
     Examples
     --------

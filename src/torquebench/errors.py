@@ -1,4 +1,4 @@
-"""One small hierarchy of errors; each message says what was found, what is allowed, what to do."""
+"""Errors of torquebench; each message says what was found, what is allowed and what to do."""
 
 from torquebench.message import Message
 
@@ -15,7 +15,7 @@ __all__ = [
 
 
 class TorquebenchError(Exception):
-    """Base of every error that torquebench raises on purpose.
+    """Base of all errors that torquebench raises deliberately.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class InputError(TorquebenchError, ValueError):
 
 
 class SignalFault(TorquebenchError):  # noqa: N818 - a fault is the field's word for it
-    """A signal is missing, frozen or outside its valid modulation: never a number, never 0 N·m."""
+    """A signal is missing, frozen or outside its valid range: it has no number, not even 0 N·m."""
 
 
 class LimitError(TorquebenchError):

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.compensation import Comparison
 
-if TYPE_CHECKING:  # Matplotlib takes most of a second: only what draws imports it
+if TYPE_CHECKING:  # imported late: Matplotlib takes most of a second
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -76,7 +76,7 @@ class Curve:
     band : numpy.ndarray of shape (n,), optional
         Half width of a band about a line, in the unit of the ordinate.
     style : str
-        Line style or marker of Matplotlib; by default the figure's.
+        Line style or marker of Matplotlib; by default that of the figure.
     """
 
     label: str
@@ -88,14 +88,14 @@ class Curve:
 
 
 def styled() -> AbstractContextManager[None]:
-    """Return the context of the common style, in which figures are made and drawn."""
+    """Return a context with the common style, in which figures are created and drawn."""
     import matplotlib as mpl
 
     return mpl.rc_context(STYLE)
 
 
 def blank_figure(height: float) -> Figure:
-    """Return a figure of the page's width, its height in inch, without axes."""
+    """Return a figure of the page's width and a height in inches, without axes."""
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
@@ -105,7 +105,7 @@ def blank_figure(height: float) -> Figure:
 
 
 def new_figure(height: float = 3.3, panels: int = 1) -> tuple[Figure, list[Axes]]:
-    """Return a figure of the page's width, its height in inch, and its axes one below the other."""
+    """Return a figure of the page's width, a height in inches, and its axes below each other."""
     figure = blank_figure(height)
     axes = figure.subplots(panels, 1, squeeze=False)[:, 0]
     return figure, list(axes)
@@ -125,7 +125,7 @@ def svg_text(figure: Figure) -> str:
 
 
 def percent_axis(axes: Axes, range_nm: float) -> None:
-    """Add a right-hand axis in % of full scale to an ordinate in N·m."""
+    """Add a right-hand axis in % of full scale for an ordinate in N·m."""
 
     def to_percent(torque_nm: ArrayLike) -> NDArray[np.float64]:
         return np.asarray(torque_nm, float) * (100.0 / range_nm)
@@ -140,7 +140,7 @@ def percent_axis(axes: Axes, range_nm: float) -> None:
 
 
 def legend_above(axes: Axes) -> None:
-    """Put the legend above the axes, in as many columns as its longest label leaves room for."""
+    """Place the legend above the axes, in as many columns as its longest label allows."""
     _, labels = axes.get_legend_handles_labels()
     columns = max(1, min(5, _LEGEND_CHARACTERS // (max(map(len, labels)) + 7)))
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.3)
@@ -153,7 +153,7 @@ def additional_torque_figure(
     curves: Sequence[Curve],
     range_nm: float,
 ) -> str:
-    """Draw the measured additional torque and each model's.
+    """Draw the measured additional torque and that of each model.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def draw_additional_torque(
 
 
 def draw_comparison(axes: Axes, comparison: Comparison) -> None:
-    """Draw RMS and worst error of models at points left out, the raw reading among them."""
+    """Draw RMS and worst errors of models at held-out points, with those of the raw reading."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     percent = 100.0 / comparison.full_scale_nm
@@ -251,7 +251,7 @@ def error_figure(
     abscissa: str = "torque in N·m",
     ordinate: str = "error in N·m",
 ) -> str:
-    """Draw error against torque, raw above and compensated below on its own scale.
+    """Draw the error over torque: raw in the upper panel, compensated below with its own scale.
 
     Parameters
     ----------
@@ -263,7 +263,7 @@ def error_figure(
     limit_fs : float, optional
         Limit to mark, as a share of full scale (0.001 for 0.1 % FS).
     markers : bool
-        Points instead of lines.
+        Whether to draw points instead of lines.
     abscissa, ordinate : str
         Labels of the axes.
 
@@ -383,7 +383,7 @@ def friction_figure(
     fit: Curve | None = None,
     truth: Curve | None = None,
 ) -> str:
-    """Draw no-load running torque against speed, one marker a repeat.
+    """Draw no-load running torque over speed, with one marker for each repeat.
 
     Parameters
     ----------
@@ -394,7 +394,7 @@ def friction_figure(
     repeat : array_like of shape (n,)
         Number of the repeat, from 1.
     fit, truth : Curve, optional
-        Fitted friction law, and the true one where the bench is simulated.
+        Fitted friction law, and the true one of a simulated bench.
 
     Returns
     -------

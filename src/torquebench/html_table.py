@@ -1,4 +1,4 @@
-"""Small tables in HTML, as notebooks show them."""
+"""Small tables in HTML, for notebooks."""
 
 from collections.abc import Iterable, Sequence
 from html import escape

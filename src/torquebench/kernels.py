@@ -1,4 +1,4 @@
-"""Decorators of functions that Numba compiles; decision 188 says why there are two."""
+"""Decorators for functions that Numba compiles; decision 188 explains why there are two."""
 
 from functools import partial
 from typing import Any
@@ -9,7 +9,8 @@ from numba.core.registry import CPUDispatcher
 __all__ = ["inner", "kernel"]
 
 kernel: Any = partial(njit, cache=True, no_cfunc_wrapper=True)
-"""For a function that Python calls: compiled once after an installation, then kept in a file."""
+"""Decorator for a function that Python calls: compiled once after an installation, then cached in a
+file."""
 
 
 class _Inner(CPUDispatcher):
@@ -22,8 +23,9 @@ class _Inner(CPUDispatcher):
 def inner(function: Any = None, **options: Any) -> Any:
     """Mark a function that only kernels call; `options` are those of Numba's `njit`.
 
-    It is compiled into them, without an interface for Python and without a file of its own, which
-    take longer to make than the function. Python, such as a test, interprets it.
+    It is compiled into the kernels, without an interface for Python and without a cache file, whose
+    creation takes longer than that of the function. If Python calls it, as in a test, it is
+    interpreted.
     """
     if function is None:
         return partial(inner, **options)

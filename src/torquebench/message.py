@@ -14,14 +14,15 @@ _Part = tuple[str, str | None, str | None, str | None]
 
 
 class Message(str):
-    """An English text with the template and the values that it was made of.
+    """An English text with its template and values.
 
     Parameters
     ----------
     template : str
-        As for `str.format`, with named placeholders: ``"range {range_nm:g} N·m"``.
+        Template as for `str.format`, with named placeholders: ``"range {range_nm:g} N·m"``.
     *values : object
-        One for each name, in the order of their first mention; a value may be a message itself.
+        One value for each name, in the order of their first occurrence; a value may be a message
+        itself.
 
     Attributes
     ----------
@@ -69,12 +70,12 @@ class Message(str):
 
     @staticmethod
     def of(error: BaseException) -> str:
-        """Return what an error says, as a message if it was made of one."""
+        """Return the text of an error, as a message if it was created from one."""
         said = error.args[0] if error.args else None
         return said if isinstance(said, Message) else str(error)
 
     def as_plain(self) -> dict[str, Any]:
-        """Return template and values as JSON holds them.
+        """Return template and values for JSON.
 
         Examples
         --------
@@ -89,7 +90,7 @@ class Message(str):
 
     @classmethod
     def restored(cls, plain: Mapping[str, Any]) -> Message:
-        """Return the message of which `as_plain` has made JSON."""
+        """Rebuild a message from the values of `as_plain`."""
         template = plain["template"]
         values: dict[str, str] = {
             name: value if isinstance(value, str) else cls.restored(value)
@@ -111,7 +112,7 @@ def _made(text: str, template: str, values: Mapping[str, str]) -> Message:
 
 @cache
 def _parsed(template: str) -> tuple[tuple[_Part, ...], tuple[str, ...]]:
-    """Return the parts of a template, and its names in the order of their first mention."""
+    """Return the parts of a template, and its names in the order of their first occurrence."""
     parts = tuple(_FORMATTER.parse(template))
     names: list[str] = []
     for _, name, spec, _ in parts:

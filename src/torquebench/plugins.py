@@ -1,4 +1,4 @@
-"""What installed packages add: each names it by an entry point.
+"""Additions by installed packages, each named by an entry point.
 
 ========================  ========================================================================
 group                     an entry point gives
@@ -38,16 +38,16 @@ def entry_points(group: str) -> list[EntryPoint]:
 
 
 def load(point: EntryPoint) -> Any:
-    """Load what an entry point gives.
+    """Load the object of an entry point.
 
     Raises
     ------
     TorquebenchError
-        Its package fails: the message names it.
+        Its package fails; the message names the package.
     """
     try:
         return point.load()
-    except Exception as error:  # a package of somebody else may raise anything
+    except Exception as error:  # a foreign package may raise anything
         package = point.dist.name if point.dist is not None else point.value
         raise TorquebenchError(
             Message("the plugin {package} can't be loaded: {error}", package, error),

@@ -1,4 +1,4 @@
-"""Processes that work for another one."""
+"""Processes that work for another process."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ __all__ = ["end_with_parent"]
 
 
 def end_with_parent() -> None:
-    """End this process as soon as the one that started it has ended.
+    """End this process as soon as its parent process has ended.
 
-    Who is killed can't end others: without this, they would wait for work forever. Only processes
-    that `multiprocessing` has started know their parent; any other one goes on.
+    A killed process can't end its children: without this, they would wait for work forever. Only
+    processes that `multiprocessing` has started know their parent; others continue.
     """
     parent = multiprocessing.parent_process()
     if parent is None:

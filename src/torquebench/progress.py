@@ -1,4 +1,4 @@
-"""Progress of long work: one protocol for plans, fits, files and campaigns."""
+"""Progress of long work: one interface for plans, fits, files and campaigns."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ from torquebench.message import Message
 __all__ = ["NO_PROGRESS", "SHARES", "NoProgress", "Part", "Progress"]
 
 SHARES = 100
-"""Steps of work that only reports its share, such as a fit."""
+"""Number of steps of work that only reports its completed share, such as a fit."""
 
 
 class Progress(Protocol):
-    """Display of the stages of work: a bar in the terminal, a job of the panel, or none."""
+    """Display for the stages of work: a bar in the terminal, a job of the panel, or none."""
 
     def start(self, title: str, total: int | None = None) -> None:
-        """Begin a stage of `total` steps (None if it is unknown); ends the stage before."""
+        """Begin a stage of `total` steps (None if unknown); the previous stage ends."""
 
     def reach(self, done: int, detail: str = "") -> None:
-        """Report the number of finished steps and the present one."""
+        """Report the number of completed steps, and the present step."""
 
     def finish(self, detail: str = "") -> None:
-        """End the stage, with its result in a few words."""
+        """End the stage, with a short text about its result."""
 
 
 class NoProgress:
-    """Nobody watches."""
+    """Progress without a display."""
 
     def start(self, title: str, total: int | None = None) -> None:
         """Begin a stage."""
 
     def reach(self, done: int, detail: str = "") -> None:
-        """Say how many steps are done."""
+        """Report the number of completed steps."""
 
     def finish(self, detail: str = "") -> None:
         """End the stage."""
@@ -42,18 +42,18 @@ NO_PROGRESS: Progress = NoProgress()
 
 
 class Part(NoProgress):
-    """A part of a stage, whose work counts its own steps from zero.
+    """A part of a stage, which counts its own steps from zero.
 
     Parameters
     ----------
     progress : Progress
-        Of the whole stage.
+        Progress of the whole stage.
     first : int
-        Steps of the stage before this part.
+        Number of steps of the stage before this part.
     prefix : str
-        Put before each detail, with a comma.
+        Text before each detail, followed by a comma.
     share : float
-        Steps of the stage to one step of the part.
+        Steps of the stage for each step of the part.
     """
 
     def __init__(
@@ -63,6 +63,6 @@ class Part(NoProgress):
         self._prefix, self._share = prefix, share
 
     def reach(self, done: int, detail: str = "") -> None:
-        """Say how many steps of this part are done."""
+        """Report the number of completed steps of this part."""
         parts = (part for part in (self._prefix, detail) if part)
         self._progress.reach(round(self._first + self._share * done), Message.joined(parts))

@@ -1,6 +1,6 @@
-"""Units: factors between SI and the units that users read and write, each stated once.
+"""Units: factors between SI and the units of users, each defined once.
 
-Internally, quantities are in N·m, rad, rad/s, s, Hz and °C. A factor's name reads as its unit:
+Internally, quantities are in N·m, rad, rad/s, s, Hz and °C. The name of a factor states its unit:
 ``speed_rpm * RAD_S_PER_RPM`` is a speed in rad/s.
 """
 
@@ -124,7 +124,7 @@ _SPELLED |= dict.fromkeys(("1/min", "min-1", "min⁻¹", "min^-1", "r/min", "u/m
 
 
 def unit_of_name(name: str) -> str:
-    """Return the unit that a name ends in; empty if it has none.
+    """Return the unit at the end of a name; empty if there is none.
 
     Examples
     --------
@@ -135,7 +135,7 @@ def unit_of_name(name: str) -> str:
 
 
 def name_without_unit(name: str) -> str:
-    """Return a name without the unit that it ends in.
+    """Return a name without the unit at its end.
 
     Examples
     --------
@@ -159,7 +159,7 @@ def title_of_name(name: str) -> str:
 
 
 def minus_signs(text: str) -> str:
-    """Return text with the minus sign before its numbers; exponents keep the hyphen.
+    """Return a text with minus signs before its numbers; exponents keep the hyphen.
 
     Examples
     --------
@@ -170,7 +170,7 @@ def minus_signs(text: str) -> str:
 
 
 def plain_unit(unit: str) -> str:
-    """Return a unit as `UNITS` names it: ``N·m`` as ``nm``, ``min⁻¹`` as ``rpm``.
+    """Return a unit by its name in `UNITS`: ``N·m`` as ``nm``, ``min⁻¹`` as ``rpm``.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Documents and requests checked against their pydantic model: TOML files, options, API bodies.
+"""Validation of documents and requests by pydantic models: TOML files, options, API bodies.
 
 Errors of pydantic become an `InputError`: source, key, value, what is allowed, what to do.
 """
@@ -35,11 +35,11 @@ __all__ = [
 Model = TypeVar("Model", bound=BaseModel)
 
 CLOCK_TOLERANCE = timedelta(minutes=5)
-"""Largest difference of two computers' clocks; a later time is in the future."""
+"""Largest difference of two computers' clocks; a time later than that is in the future."""
 
 
 class ConflictError(PydanticCustomError):
-    """A value that is fine by itself and contradicts another one, or physics."""
+    """A value that is valid by itself but contradicts another value, or physics."""
 
     def __new__(cls, key: str, found: str, allowed: str, remedy: str = "") -> ConflictError:
         """Return the error with key, value, what is allowed and what to do."""
@@ -66,12 +66,12 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 
 
 def validated(model: type[Model], values: Mapping[str, Any], source: str) -> Model:
-    """Build a model from parsed values.
+    """Create a model from parsed values.
 
     Raises
     ------
     InputError
-        For the first wrong key; further wrong keys are named after it.
+        If keys are wrong; with the first one in detail, and the names of the others.
     """
     try:
         return model.model_validate(dict(values))
@@ -82,7 +82,7 @@ def validated(model: type[Model], values: Mapping[str, Any], source: str) -> Mod
 def faults_of(
     model: type[BaseModel], values: Mapping[str, Any], source: str
 ) -> dict[str, InputError]:
-    """Return what is wrong with every value, by its dotted key; nothing where all are right."""
+    """Return an error for every wrong value, by its dotted key; empty if all are right."""
     try:
         model.model_validate(dict(values))
     except ValidationError as error:
@@ -95,16 +95,16 @@ def faults_of(
 
 
 def allowed_at(model: type[BaseModel], key: str, unit: str = "") -> str:
-    """Return in words the range of numbers at a dotted key of a document; empty for other values.
+    """Return the allowed range of numbers at a dotted key of a document; empty for other values.
 
-    `unit` is that of a field that doesn't state its own.
+    `unit` is used for a field that doesn't state its unit.
     """
     field = _field_at(model, key.split("."))
     return _interval(*_constraints(field), unit) if field else ""
 
 
 def choices_at(model: type[BaseModel], key: str) -> tuple[Any, ...]:
-    """Return the values to choose from at a dotted key of a document; empty for other values."""
+    """Return the choices at a dotted key of a document; empty for other values."""
     field = _field_at(model, key.split("."))
     annotation = _constraints(field)[0] if field else None
     return get_args(annotation) if get_origin(annotation) is Literal else ()
@@ -113,18 +113,18 @@ def choices_at(model: type[BaseModel], key: str) -> tuple[Any, ...]:
 def as_input_error(
     details: Sequence[ErrorDetails], source: str, model: type[BaseModel] | None
 ) -> InputError:
-    """Say what pydantic found: the first wrong key, and the names of further ones.
+    """Convert pydantic's errors: the first wrong key, and the names of further ones.
 
     Parameters
     ----------
     details : sequence of ErrorDetails
-        As pydantic or FastAPI list them.
+        Errors as listed by pydantic or FastAPI.
     source : str
         A file, or the part of a request.
     model : type of BaseModel, optional
-        What the values are checked against; without it pydantic's own words are given.
+        Model of the values; without it, pydantic's own texts are used.
     """
-    # A misspelt key explains the missing one, so it comes first.
+    # A misspelt key explains a missing one, so it comes first.
     order = {"extra_forbidden": 0, "conflict": 2}
     details = sorted(details, key=lambda item: order.get(item["type"], 1))
     first = details[0]
@@ -165,7 +165,7 @@ def _explain(model: type[BaseModel] | None, detail: ErrorDetails) -> tuple[str, 
 
 
 def words_of(detail: ErrorDetails) -> str:
-    """Return what pydantic, or a validator's ValueError, says about a value."""
+    """Return the text of pydantic, or of a validator's ValueError, about a value."""
     error = detail.get("ctx", {}).get("error")
     if isinstance(error, ValueError) and error.args:
         return error.args[0] if isinstance(error.args[0], str) else str(error)
@@ -211,7 +211,7 @@ def _field_at(model: type[BaseModel] | None, location: Sequence[int | str]) -> F
 
 
 def _allowed(field: FieldInfo) -> str:
-    """Describe a field's allowed values; empty if pydantic's text is best."""
+    """Describe a field's allowed values; empty if pydantic's text is better."""
     annotation, metadata, unit = _constraints(field)
     if get_origin(annotation) is Literal:
         return Message("one of {names}", ", ".join(repr(each) for each in get_args(annotation)))
@@ -249,7 +249,7 @@ def _interval(annotation: Any, metadata: Sequence[Any], unit: str, otherwise: st
 
 
 def plain_number(value: Any) -> str:
-    """Return a number as a person writes it: with separators, without exponent where it fits.
+    """Return a number with separators, without exponent where possible.
 
     Examples
     --------
@@ -288,7 +288,7 @@ def _constraints(field: FieldInfo) -> tuple[Any, list[Any], str]:
 
 
 def _unit(field: FieldInfo) -> str:
-    """Return the unit of a field: stated beside its description, or in the place of one."""
+    """Return the unit of a field, which stands beside its description or replaces it."""
     extra = field.json_schema_extra
     if isinstance(extra, dict) and "unit" in extra:
         return str(extra["unit"])
@@ -296,17 +296,17 @@ def _unit(field: FieldInfo) -> str:
 
 
 def refuse_future(performed: date) -> None:
-    """Refuse a day, or a time, that hasn't come yet.
+    """Refuse a day or a time in the future.
 
     Parameters
     ----------
     performed : datetime.date or datetime.datetime
-        When something was done: a day in the local time zone, or a time, local without a zone.
+        Day in the local time zone, or time; without a zone, the time is local.
 
     Raises
     ------
     InputError
-        With the day or time and now.
+        If it is in the future; with the present time.
 
     Examples
     --------
@@ -332,13 +332,13 @@ def refuse_future(performed: date) -> None:
 
 
 def past_moment(performed: date) -> datetime:
-    """Return when something was done, in UTC.
+    """Return a past day or time as a time in UTC.
 
     Parameters
     ----------
     performed : datetime.date or datetime.datetime
-        A day keeps its name in UTC, where its first moment has passed there; a time without a zone
-        is local.
+        A day becomes the same date in UTC, if that day has already begun there; a time without a
+        zone is local.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Response of a chain to a torque that changes quickly: identified, inverted, with uncertainty.
+"""Response of a chain to a quickly changing torque: identified, inverted, with uncertainty.
 
-Pure: a transfer function from ramps, steps and sines; an inverse filter; filters along a stream
-with u of every sample.
+Pure functions: a transfer function from ramps, steps and sines; an inverse filter; filters along a
+stream with u of every sample.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Sums of the filters, of one order, so that results don't depend on a stream's blocks."""
+"""Sums of the filters in a fixed order, so that results don't depend on a stream's blocks."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,11 +8,11 @@ __all__ = ["convolve", "convolve_uncertain"]
 FloatArray = NDArray[np.float64]
 
 _BLOCK = 4096
-"""Samples whose sums fit a processor's cache."""
+"""Number of samples whose sums fit a processor's cache."""
 
 
 def convolve(extended: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return Σ weights[k]·x[n − k]; `extended` begins with the weights.size − 1 values before."""
+    """Return Σ weights[k]·x[n − k]; `extended` begins with the weights.size − 1 earlier values."""
     past = weights.size - 1
     count = extended.size - past
     if count <= weights.size:  # terms in rows of samples; `accumulate` adds them one by one
@@ -37,18 +37,18 @@ def convolve_uncertain(
     variances: FloatArray,
     squares: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Filter values; return them with variances due to the weights and to the values.
+    """Filter values; return them with the variances due to the weights and to the values.
 
     Parameters
     ----------
     past : float64[2, m - 1]
-        Values before and their variances; changed in place.
+        Earlier values and their variances; changed in place.
     values, spread : float64[n]
-        The next ones and their standard uncertainties.
+        The next values and their standard uncertainties.
     weights, squares : float64[m]
-        Of values, and of their variances.
+        Weights of the values, and of their variances.
     factors, variances : float64[r, m], float64[m]
-        Factors of the weights' covariance, without rows where they aren't correlated, and their
+        Factors of the weights' covariance (no rows if the weights aren't correlated), and their
         variances.
     """
     extended = np.concatenate((past[0], values))

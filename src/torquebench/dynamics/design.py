@@ -25,7 +25,7 @@ HIGHEST_SHARE = 0.3
 _REGULARISATION = 1e-6
 _WIDTH = 3.6  # half length of the filter, in standard deviations of the Gaussian low-pass
 _GRID = 1024
-_FINE = 40  # steps of a simulated signal in a sample
+_FINE = 40  # steps of a simulated signal per sample
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class StepResponse:
     overshoot : float
         Largest value above the step, share of the step.
     rise_time_s : float
-        From 10 % to 90 %.
+        Time from 10 % to 90 %.
     bandwidth_hz : float
         First frequency at which the response has fallen by 3 dB.
     """
@@ -54,13 +54,13 @@ class InverseFilter:
     Attributes
     ----------
     filter : UncertainFilter
-        Its covariance follows from that of the transfer function.
+        Filter, whose covariance follows from that of the transfer function.
     interval_s : float
-        Sample interval for which it holds.
+        Sample interval of the filter.
     delay_s : float
         Delay of its output relative to the torque: chain and filter together.
     bandwidth_hz : float
-        Frequency at which it is down by 3 dB.
+        Frequency at which the response has fallen by 3 dB.
     transfer : TransferFunction
         The inverted transfer function.
     """
@@ -73,7 +73,7 @@ class InverseFilter:
 
     @property
     def noise_gain(self) -> float:
-        """Standard uncertainty after the filter over the one of white noise before it."""
+        """Ratio of the standard uncertainties of white noise after and before the filter."""
         return float(np.sqrt(np.sum(np.square(self.filter.weights))))
 
     @property
@@ -103,8 +103,8 @@ def design_inverse(
     interval_s : float
         Sample interval of the readings.
     bandwidth_hz : float, optional
-        Frequency at which the low-pass is down by 3 dB; by default 3.3 times the chain's own, as
-        far as the sample rate allows.
+        Frequency at which the low-pass has fallen by 3 dB; by default 3.3 times the chain's own
+        bandwidth, as far as the sample rate allows.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def design_inverse(
     bell_s = sqrt(log(2.0)) / (TURN * wanted)
     side = ceil(_WIDTH * bell_s / interval_s)
     middle = side + round((transfer.delay_s + transfer.lag_s) / interval_s)
-    # the damping's inverse decays with k/c, the window's within a few windows
+    # the inverse of the damping decays with k/c, that of the window within a few windows
     echo_s = 12.0 * transfer.damping_ratio / (TURN * transfer.resonance_hz)
     taps = middle + side + ceil(max(4.0 * transfer.window_s, echo_s, 4.0 * interval_s) / interval_s)
     weights = _solve(transfer, interval_s, wanted, middle, taps)
@@ -175,7 +175,7 @@ def design_inverse(
 def _solve(
     transfer: TransferFunction, interval_s: float, bandwidth_hz: float, middle: int, taps: int
 ) -> FloatArray:
-    """Return coefficients whose product with the chain is the delayed Gaussian, with a sum of 1."""
+    """Return coefficients of sum 1 whose product with the chain is the delayed Gaussian."""
     frequency = np.linspace(0.0, 0.5 / interval_s, _GRID)
     delays = np.exp(-2j * np.pi * np.outer(frequency, np.arange(taps)) * interval_s)
     chain = transfer.response(frequency)[:, None] * delays
@@ -192,7 +192,7 @@ def _solve(
 def step_response(
     transfer: TransferFunction, interval_s: float, behind: UncertainFilter | None = None
 ) -> StepResponse:
-    """Simulate a step of torque at any time between two samples.
+    """Simulate steps of torque at all times between two samples.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def step_response(
     damping = 2.0 * transfer.damping_ratio * natural
     lag_s = max(transfer.lag_s, 1e-3 * interval_s)
     below = np.polymul([1.0, damping, natural**2], [lag_s, 1.0])
-    # integral of the step response, whose differences over a window are the counter's means
+    # integral of the step response; its differences over a window are the counter's means
     slow = min(transfer.damping_ratio, 0.7) * natural
     length = ceil((8.0 / slow + transfer.delay_s + transfer.window_s) / interval_s)
     length = min(length + (0 if behind is None else behind.weights.size), 200_000)
@@ -227,7 +227,7 @@ def step_response(
     shown = step
     if behind is not None:
         spread = np.zeros((behind.weights.size - 1) * _FINE + 1)
-        spread[::_FINE] = behind.weights  # every phase of the samples against the step
+        spread[::_FINE] = behind.weights  # all phases of the step between two samples
         from scipy.signal import fftconvolve
 
         shown = fftconvolve(step, spread)[: step.size]

@@ -18,7 +18,7 @@ __all__ = ["FilterStream", "Filtered", "UncertainFilter"]
 
 FloatArray = NDArray[np.float64]
 
-_NEGLIGIBLE = 1e-15  # of the largest eigenvalue: rounding of the covariance
+_NEGLIGIBLE = 1e-15  # of the largest eigenvalue, for rounding of the covariance
 
 
 class Filtered(NamedTuple):
@@ -27,11 +27,11 @@ class Filtered(NamedTuple):
     Attributes
     ----------
     value : float64[n]
-        NaN where the input is.
+        Filtered values; NaN where the input is NaN.
     of_coefficients : float64[n]
         Standard uncertainty by the filter's coefficients.
     of_noise : float64[n]
-        Standard uncertainty by the input's.
+        Standard uncertainty by that of the input.
     """
 
     value: FloatArray
@@ -55,7 +55,7 @@ class UncertainFilter:
     weights : array_like of shape (m,)
         w.
     covariance : array_like of shape (m, m), optional
-        Of the coefficients; exact ones without it. Uncorrelated ones are quick.
+        Covariance of the coefficients; by default they are exact. Uncorrelated ones are faster.
 
     Raises
     ------
@@ -90,7 +90,7 @@ class UncertainFilter:
 
     @cached_property
     def factors(self) -> FloatArray:
-        """Rows whose outer products sum up to the covariance; few where it is of low rank."""
+        """Rows whose outer products add up to the covariance; few rows if its rank is low."""
         if self.covariance is None:
             return np.empty((0, self.weights.size))
         values, vectors = np.linalg.eigh(0.5 * (self.covariance + self.covariance.T))
@@ -113,7 +113,7 @@ class UncertainFilter:
 
 
 class FilterStream:
-    """Filters a stream of consecutive blocks.
+    """Filter for a stream of consecutive blocks.
 
     The signal is assumed constant before its first sample and after a fault (NaN), which restarts
     the filter. Results don't depend on the division into blocks, to the last digit.
@@ -131,7 +131,7 @@ class FilterStream:
         self._past = np.empty((2, self._weights.size - 1))
 
     def copy(self) -> FilterStream:
-        """Return another stream in the same state."""
+        """Return a second stream in the same state."""
         other = FilterStream.__new__(FilterStream)
         other.__dict__.update(self.__dict__, _past=self._past.copy())
         return other
@@ -141,7 +141,7 @@ class FilterStream:
         self._begun = False
 
     def correct(self, values: FloatArray, uncertainty: FloatArray) -> FloatArray | None:
-        """Filter the next samples of a stream that goes on without a fault.
+        """Filter the next samples of a stream that continues without a fault.
 
         Parameters
         ----------
@@ -150,9 +150,9 @@ class FilterStream:
         Returns
         -------
         float64 array of shape (3, n) or None
-            Correction, standard uncertainty by the coefficients, and what the filter adds to that
-            of the samples. None, with nothing filtered, at the start or with a fault among the
-            samples; `push` filters those.
+            Correction, standard uncertainty by the coefficients, and the part that the filter adds
+            to the uncertainty of the samples. None, without filtering, at the start or with a fault
+            among the samples; these need `push`.
         """
         known = np.isfinite(values) & (uncertainty >= 0.0) & (uncertainty < np.inf)
         if not self._begun or not known.all():
@@ -162,7 +162,7 @@ class FilterStream:
         return np.stack((value - values, np.sqrt(coefficients), np.sqrt(np.maximum(added, 0.0))))
 
     def push(self, values: FloatArray, uncertainty: FloatArray) -> Filtered:
-        """Filter the next samples; a fault (NaN) gets no number.
+        """Filter the next samples; a fault (NaN) gives NaN.
 
         Raises
         ------

@@ -19,7 +19,7 @@ __all__ = ["Inertia", "Known", "Shaft", "identify", "identify_inertia", "shaft_o
 FloatArray = NDArray[np.float64]
 
 _LARGEST_RELATIVE = {"resonance_hz": 0.05, "damping_ratio": 0.3}
-_LARGEST_PHASE = 0.2  # rad at the resonance, common error of lag and delay
+_LARGEST_PHASE = 0.2  # rad at the resonance: common error of lag and delay
 _LARGEST_INERTIA = 0.05
 _UNEVEN = 1e-3
 _CORRELATED_LAGS = 200
@@ -32,14 +32,14 @@ _WORDS = {"resonance_hz": "resonance", "damping_ratio": "damping"}
 class Known:
     """Readings at a constant rate with a known torque at the flange: steps or sines.
 
-    It begins at rest: the first values of reading and torque belong to a steady state.
+    The first values of reading and torque must belong to a steady state.
 
     Parameters
     ----------
     interval_s : float
         Sample interval.
     reading_nm, torque_nm : float64[n]
-        Reading, and torque at the flange by a reference that is faster than the chain.
+        Reading, and torque at the flange from a reference that is faster than the chain.
     """
 
     interval_s: float
@@ -55,9 +55,9 @@ class Inertia:
     ----------
     inertia_kgm2, standard_uncertainty_kgm2 : float
     largest_rad_s2 : float
-        Largest acceleration that it was identified with.
+        Largest acceleration in its identification.
     blocks : int
-        Means that it follows from.
+        Number of means in its identification.
     """
 
     inertia_kgm2: float
@@ -86,19 +86,20 @@ def identify(runs: Sequence[Known], window_s: float = 0.0) -> TransferFunction:
     Parameters
     ----------
     runs : sequence of Known
-        One at least, of one sample interval.
+        At least one run; all with the same sample interval.
     window_s : float
         Length of the counter's window.
 
     Returns
     -------
     TransferFunction
-        With covariance.
+        Transfer function with covariance.
 
     Raises
     ------
     InputError
-        If the runs can't identify the resonance, its damping or the lag, with the necessary runs.
+        If the runs can't identify the resonance, its damping or the lag; the message names the
+        necessary runs.
     """
     from scipy.optimize import least_squares
 
@@ -137,7 +138,9 @@ def identify(runs: Sequence[Known], window_s: float = 0.0) -> TransferFunction:
             best = found
     assert best is not None
     free = best.x
-    if free[2] < 0.01 or free[3] < 0.01:  # at a limit: one of the two explains the runs
+    if (
+        free[2] < 0.01 or free[3] < 0.01
+    ):  # at a limit, one of the two parameters explains the runs alone
         free[2], free[3] = max(free[2], 0.01), max(free[3], 0.01)
     covariance = _covariance(deviations, free)
     jacobian = np.diag([np.exp(free[0]), np.exp(free[1]), scale[2], scale[3]])
@@ -150,7 +153,7 @@ def identify(runs: Sequence[Known], window_s: float = 0.0) -> TransferFunction:
 
 @dataclass(frozen=True, eq=False)
 class _Prepared:
-    """A run, padded so that its end doesn't affect its beginning."""
+    """A run that is padded so that its end doesn't affect its beginning."""
 
     reading: FloatArray
     spectrum: NDArray[np.complex128]
@@ -194,7 +197,7 @@ def _prepare(run: Known) -> _Prepared:
 
 
 def _covariance(function: Callable[[FloatArray], FloatArray], free: FloatArray) -> FloatArray:
-    """Return the covariance of the estimate, with the deviations' correlation over time."""
+    """Return the covariance of the estimate, with the correlation of the deviations over time."""
     left = function(free)
     slopes = np.empty((left.size, free.size))
     for k in range(free.size):
@@ -268,14 +271,14 @@ def identify_inertia(
     Parameters
     ----------
     time_s, reading_nm, speed_rpm : float64[n]
-        At an even rate; nothing is mounted.
+        At an even rate, with nothing mounted.
     acceleration_rad_s2 : float64[n], optional
-        If measured; otherwise from the speed.
+        Measured acceleration; by default it follows from the speed.
 
     Raises
     ------
     InputError
-        If no acceleration separates the inertia from the rest.
+        If the accelerations don't separate the inertia from the other effects.
     """
     time, reading, speed = (
         np.asarray(each, np.float64) for each in (time_s, reading_nm, speed_rpm)
@@ -297,7 +300,7 @@ def identify_inertia(
         )
     edges = np.arange(blocks + 1) * rows
     turning = speed * RAD_S_PER_RPM
-    # its mean over a block follows exactly from the speed at its ends
+    # the mean over a block follows exactly from the speed at both ends
     if acceleration_rad_s2 is None:
         gained = np.diff(turning[edges])
         acceleration = gained / np.diff(time[edges])
@@ -360,7 +363,7 @@ def identify_inertia(
 
 
 def _means(values: FloatArray, edges: NDArray[np.int64]) -> FloatArray:
-    """Return the mean over each block by the trapezoidal rule, as for the speed at its ends."""
+    """Return the mean over each block by the trapezoidal rule, as for the acceleration."""
     total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]))])
     return np.asarray(np.diff(total[edges]) / np.diff(edges))
 

@@ -26,9 +26,9 @@ _SEARCHED = 20_000
 class TransferFunction:
     r"""Shaft resonance, lag and delay of the transducer, and the counter's window.
 
-    The flange's inertia J turns against the stiffness k and damping c of transducer and shaft, so
-    that the transducer sees (cs + k)/(Js² + cs + k) of the torque; the transducer's bandwidth is a
-    lag of first order and a delay; a window of the counter is a mean.
+    The flange's inertia J acts against the stiffness k and damping c of transducer and shaft, so
+    that the transducer measures (cs + k)/(Js² + cs + k) of the torque. The transducer's bandwidth
+    is a first-order lag with a delay, and a window of the counter is a mean.
 
     Parameters
     ----------
@@ -37,12 +37,11 @@ class TransferFunction:
     damping_ratio : float
         c/(2√(kJ)).
     lag_s, delay_s : float
-        Of the transducer.
+        Lag and delay of the transducer.
     window_s : float
-        Length of the counter's window; 0 where the reading is a sample. It is known, not
-        identified.
+        Length of the counter's window; 0 if a reading is a sample. It is known, not identified.
     covariance : tuple of 4 tuples of 4 float
-        Of `PARAMETERS`; zeros where they are taken as exact.
+        Covariance of `PARAMETERS`; zeros for exact values.
 
     Examples
     --------
@@ -89,7 +88,7 @@ class TransferFunction:
         return sqrt(max(self.covariance[place][place], 0.0))
 
     def with_values(self, values: ArrayLike) -> TransferFunction:
-        """Return the same window with other values of `PARAMETERS`, as exact ones."""
+        """Return the function with other, exact values of `PARAMETERS` and the same window."""
         resonance, damping, lag, delay = np.asarray(values, np.float64).tolist()
         return TransferFunction(resonance, damping, lag, delay, self.window_s)
 
@@ -112,7 +111,7 @@ class TransferFunction:
 
     @property
     def group_delay_s(self) -> float:
-        """Delay of slow signals: by how much a ramp's reading is late."""
+        """Delay of slow signals: the time by which the reading of a ramp lags."""
         natural = TURN * self.resonance_hz
         step = 1e-4 * natural / TURN
         return float(-np.angle(self.response(step)) / (TURN * step))

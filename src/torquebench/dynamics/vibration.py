@@ -1,4 +1,4 @@
-"""Vibration of the shaft after steps of torque against a held flange, and the chain's lag."""
+"""Vibration of the shaft after steps of torque against a fixed flange, and the chain's delay."""
 
 from __future__ import annotations
 
@@ -33,15 +33,16 @@ _AFTER_STEP_S = 5e-3
 _FEWEST_STEPS = 10
 _FEWEST_SAMPLES = 40
 _HIGHEST_SHARE = 0.4
-"""Highest frequency that is looked for, as a share of the rate."""
+"""Highest frequency that is searched for, as a share of the rate."""
 _LOWEST_HZ = 10.0
 _RIPPLE_HZ = (10.0, 120.0)
 _LEAST_GAIN = 2.0
-"""Least variance that the vibration explains, per parameter, over that of the noise."""
+"""Smallest variance explained by the vibration per parameter, as a multiple of the noise
+variance."""
 _LARGEST_RELATIVE = {"frequency": 0.05, "damping": 0.3}
 _ONE_MASS = np.array([1e-3, 0.015])
-"""Relative standard uncertainty of frequency and damping, as one mass on one spring isn't all that
-vibrates: deviations of the simulated bench's shafts from it.
+"""Relative standard uncertainty of frequency and damping by the model of one mass on one spring:
+deviations of the simulated bench's shafts from this model.
 """
 _STEEP_S = 5e-3
 _HARMONICS = 3
@@ -53,13 +54,13 @@ _REMEDY = (
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Readings around steps of torque, one a row; the flange is held by a reference.
+    """Readings around steps of torque, one step in each row; a reference fixes the flange.
 
     Parameters
     ----------
     interval_s : float
     reading_nm, standard_nm : float64[steps, n]
-        From the command of a step to the next one.
+        Values from the command of a step to the next command.
     """
 
     interval_s: float
@@ -85,15 +86,15 @@ class Sine:
 
 @dataclass(frozen=True)
 class Vibration:
-    """Vibration of the motor on the shaft while the flange is held.
+    """Vibration of the motor on the shaft with a fixed flange.
 
     Attributes
     ----------
     frequency_hz, damping_ratio : float
     covariance : tuple of tuples of float
-        Of frequency and damping ratio.
+        Covariance of frequency and damping ratio.
     steps : int
-        Steps that it follows from.
+        Number of steps in the identification.
     """
 
     frequency_hz: float
@@ -104,7 +105,7 @@ class Vibration:
 
 @dataclass(frozen=True)
 class Delay:
-    """By how much readings are later than the torque, s."""
+    """Delay of the readings against the torque, s."""
 
     delay_s: float
     standard_uncertainty_s: float
@@ -119,20 +120,20 @@ class MotorInertia:
 
     @classmethod
     def stated(cls, inertia_kgm2: float, expanded_percent: float) -> Self:
-        """Return it by its expanded uncertainty (k = 2) in %."""
+        """Return the inertia from its expanded uncertainty (k = 2) in %."""
         return cls(inertia_kgm2, 0.005 * expanded_percent * inertia_kgm2)
 
 
 def identify_vibration(steps: Steps) -> Vibration:
     """Identify frequency and damping of the vibration that follows steps of torque.
 
-    Each step has its own size, drift, decay of the drive, vibration and ripple of the drive; the
+    Each step has its own size, drift, settling of the drive, vibration and ripple of the drive; the
     frequencies, the damping and the drive's time constant are common to all steps.
 
     Raises
     ------
     InputError
-        If the steps don't show a vibration, or not well enough.
+        If the steps don't determine a vibration well enough.
     """
     from scipy.optimize import least_squares
 
@@ -221,7 +222,7 @@ def _basis(parameters: FloatArray, time: FloatArray, vibrating: bool) -> FloatAr
 
 
 def _ripples(rows: FloatArray, interval_s: float) -> list[float]:
-    """Return frequencies that the drive's ripple may have: what remains long after the steps."""
+    """Return possible frequencies of the drive's ripple, which remains long after the steps."""
     tail = rows[:, rows.shape[1] // 2 :]
     tail = tail - tail.mean(axis=1, keepdims=True)
     size = 16 * tail.shape[1]
@@ -233,7 +234,7 @@ def _ripples(rows: FloatArray, interval_s: float) -> list[float]:
 
 
 def _after(steps: Steps) -> FloatArray:
-    """Return the rows from a moment after the steepest sample of each step."""
+    """Return the rows, each from shortly after the steepest sample of its step on."""
     readings = np.asarray(steps.reading_nm, np.float64)
     if readings.ndim != 2 or readings.shape[0] < _FEWEST_STEPS:
         raise InputError(
@@ -258,7 +259,7 @@ def _after(steps: Steps) -> FloatArray:
 
 
 def _covariance(jacobian: FloatArray, residual: FloatArray, variance: float) -> FloatArray:
-    """Return the covariance; deviations within a step may be correlated."""
+    """Return the covariance, with correlated deviations within a step."""
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
     plain = variance * inverse
     steps, count = residual.shape
@@ -269,7 +270,7 @@ def _covariance(jacobian: FloatArray, residual: FloatArray, variance: float) -> 
 
 
 def identify_delay(steps: Steps, sines: Sequence[Sine] = ()) -> Delay:
-    """Identify by how much readings are later than the reference's, which may be below 0.
+    """Identify the delay of the readings against the reference's, which may be negative.
 
     In a step, a late reading deviates by its delay times the torque's rate. Between sines of
     different periods and one size, the phase differs by the delay; hysteresis is the same in both.
@@ -317,7 +318,7 @@ def _delay_by_sines(sines: Sequence[Sine]) -> list[Delay]:
 
 
 def _phase(sine: Sine) -> tuple[float, float, float]:
-    """Return angular frequency, phase of the reading after the reference, and its u."""
+    """Return the angular frequency, the phase of the reading behind the reference, and its u."""
     count = sine.reading_nm.size
     time = (np.arange(count) - 0.5 * count) * sine.interval_s
     rate = TURN / sine.period_s
@@ -343,16 +344,16 @@ def shaft_on_bench(
     delay: Delay,
     window_s: float = 0.0,
 ) -> tuple[TransferFunction, Shaft]:
-    """Return transfer function and shaft of a chain by its vibration with a held flange.
+    """Return the transfer function and shaft of a chain from its vibration with a fixed flange.
 
-    The motor's inertia vibrates on the shaft while the flange is held: k = J_m(2πf)². The flange's
-    inertia on the same shaft makes the transfer function's resonance. The delay is divided into a
-    lag of first order, up to half of it, and a pure delay.
+    With a fixed flange, the motor's inertia vibrates on the shaft: k = J_m(2πf)². The flange's
+    inertia on the same shaft gives the transfer function's resonance. The delay is divided into a
+    first-order lag, up to half of it, and a pure delay.
 
     Raises
     ------
     InputError
-        If the result isn't known well enough.
+        If the uncertainty of the result is too large.
     """
     natural = TURN * vibration.frequency_hz
     relative = np.asarray(vibration.covariance) / np.outer(

@@ -1,6 +1,6 @@
-"""Shafts, additional torque of the measuring chain, and the torsion of supports' sections.
+"""Shafts, additional torque of the measuring chain, and torsion of the supports' sections.
 
-Pure functions of arrays: the influence of a design and of its parameters on the torque.
+Pure functions of arrays, for the influence of a design and its parameters on the torque.
 """
 
 import lazy_loader

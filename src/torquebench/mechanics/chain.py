@@ -24,7 +24,7 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 Form = Literal["consistent", "published"]
 
-# relative step of the complex-step derivative; without cancellation it may be this small
+# relative step of the complex-step derivative, which has no cancellation
 _STEP = 1e-30
 
 _UNITS = {
@@ -148,7 +148,7 @@ class Coefficients(NamedTuple):
 
 
 class Sensitivity(NamedTuple):
-    """Derivative of the additional torque by one parameter.
+    """Derivative of the additional torque with respect to one parameter.
 
     Attributes
     ----------
@@ -165,7 +165,7 @@ class Sensitivity(NamedTuple):
 def additional_torque(
     chain: Chain, torque_nm: ArrayLike, *, form: Form = "consistent"
 ) -> AdditionalTorque:
-    """Additional torque T′ = ΔT₁ + ΔT₂ + ΔT₃ of a chain under a torque.
+    """Return the additional torque T′ = ΔT₁ + ΔT₂ + ΔT₃ of a chain under a torque.
 
     Consistent form, with β = T L/(J G), F_r = T/r, ΔX = Δr + F_r/ε:
 
@@ -173,17 +173,18 @@ def additional_torque(
     - ΔT₂ = K_c L (Δr + T/(r ε)),
     - ΔT₃ = T (cos Δθ − 1) + T sin Δθ · L/r.
 
-    The published form is the one printed in the 2021 article, so that its numbers can be traced;
-    its terms don't agree in dimension:
+    The published form is the one printed in the 2021 article, so that its numbers can be
+    reproduced; its terms have inconsistent dimensions:
 
     - eq. 7 drops μ from the second term of ΔT₁,
     - eq. 13 multiplies by ε where it must divide: ΔT₂ = K_c L (Δr + ε T/r),
-    - eq. 14 has cos Δθ · L/r in place of sin Δθ · L/r: T L/r is left at zero misalignment,
+    - eq. 14 has cos Δθ · L/r in place of sin Δθ · L/r: T L/r remains at zero misalignment,
     - eq. 15, the total, also drops 32 L from the quadratic term, so that the total isn't the sum
       of the parts.
 
-    The equations hold for one direction of loading, T ≥ 0. A torque that reverses takes each
-    direction's chain with |T| and the sign of T: an even quadratic can't be odd in T.
+    The equations are valid for one direction of loading, T ≥ 0. For a torque that reverses, the
+    chain of each direction is evaluated with |T| and the result has the sign of T, because an even
+    quadratic can't be odd in T.
 
     Parameters
     ----------
@@ -220,7 +221,7 @@ def additional_torque(
 
 
 def _parts(chain: Chain, torque_nm: ArrayLike, form: Form) -> tuple[NDArray[Any], ...]:
-    """Return parts and total for real or complex parameters; complex ones carry a derivative."""
+    """Return parts and total for real or complex parameters, which carry a derivative."""
     _check_form(form)
     torque = np.asarray(torque_nm)
     offset, radius = chain.coaxiality_error_m, chain.shaft_radius_m
@@ -244,7 +245,7 @@ def _parts(chain: Chain, torque_nm: ArrayLike, form: Form) -> tuple[NDArray[Any]
 
 
 def _rigidity(chain: Chain) -> NDArray[Any]:
-    """G π (D⁴ − d⁴) in N·m²."""
+    """Return G π (D⁴ − d⁴) in N·m²."""
     moment = polar_moment(chain.outer_diameter_m, chain.inner_diameter_m)
     return np.asarray(32.0 * moment * chain.shear_modulus_pa)
 
@@ -255,7 +256,7 @@ def _check_form(form: Form) -> None:
 
 
 def coefficients(chain: Chain, *, form: Form = "consistent") -> Coefficients:
-    """Coefficients of T′ = c₀ + c₁ T + c₂ T², exactly.
+    """Return the exact coefficients of T′ = c₀ + c₁ T + c₂ T².
 
     Parameters
     ----------
@@ -294,14 +295,14 @@ def coefficients(chain: Chain, *, form: Form = "consistent") -> Coefficients:
 def sensitivities(
     chain: Chain, torque_nm: ArrayLike, *, form: Form = "consistent"
 ) -> dict[str, Sensitivity]:
-    """Sensitivity of the additional torque to each parameter and to the torque.
+    """Return the sensitivities of the additional torque to each parameter and to the torque.
 
-    Complex-step derivatives: exact to rounding, with no step to choose.
+    They are complex-step derivatives, which are exact to rounding and need no choice of a step.
 
     Parameters
     ----------
     chain : Chain
-        Where to differentiate.
+        Parameters at which the derivatives are taken.
     torque_nm : array_like
         Torques, N·m.
     form : {"consistent", "published"}

@@ -23,8 +23,8 @@ IntArray = NDArray[np.int64]
 
 STEEL_POISSON_RATIO = 0.3
 _FLANGE_SHARE = 0.4
-"""Share of the arm's length, from its end, that carries the module."""
-_LEAST_CHORDS = 24  # of the cylinder's circles
+"""Share of the arm's length, at its end, that carries the module."""
+_LEAST_CHORDS = 24  # number of segments of the cylinder's circles
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,10 @@ class SupportDesign:
     column_m, thickness_m : float
         Sides of the column, along and across the arm.
     arm_m, arm_height_m : float
-        Length of the arm from the column, and its height; it is as thick as the column.
+        Length of the arm from the column, and its height; its thickness is that of the column.
     cylinder_m : float
-        Outer diameter of the cylinder; its bore makes it as heavy as the column with its arm.
+        Outer diameter of the cylinder; its bore is such that its mass equals that of the column
+        with its arm.
     shear_modulus_pa : float
         G of both.
     """
@@ -89,9 +90,9 @@ class TwistedSolid:
     Attributes
     ----------
     points_m, displacement_m : float64[n, 3]
-        Corners of its tetrahedra, and how far the torque moves them.
+        Corners of its tetrahedra, and their displacements by the torque.
     surface : int64[k, 3]
-        Triangles of its surface, by the numbers of their corners.
+        Triangles of its surface, as indices of their corners.
     volume_m3, torque_nm, rotation_rad : float
         Its volume, the torque, and the rotation of the loaded face.
     """
@@ -105,7 +106,7 @@ class TwistedSolid:
 
     @property
     def stiffness_nm_rad(self) -> float:
-        """Torque by rotation, N·m/rad."""
+        """Torque divided by rotation, N·m/rad."""
         return self.torque_nm / self.rotation_rad
 
 
@@ -129,12 +130,12 @@ class SupportComparison:
 
     @property
     def ratio(self) -> float:
-        """Stiffness of the cylinder by that of the cantilever."""
+        """Stiffness of the cylinder divided by that of the cantilever."""
         return self.cylinder.stiffness_nm_rad / self.cantilever.stiffness_nm_rad
 
     @property
     def horizontal_ratio(self) -> float:
-        """Stiffness of the cylinder by that of the cantilever about its horizontal shaft."""
+        """Stiffness of the cylinder over that of the cantilever about its horizontal shaft."""
         return self.cylinder.stiffness_nm_rad / self.horizontal.stiffness_nm_rad
 
 
@@ -151,7 +152,7 @@ def compare_supports(
     ----------
     torque_nm : float
     design : SupportDesign, optional
-        The papers' proportions when it isn't given.
+        Design; by default with the papers' proportions.
     size_m : float
         Length of the elements' sides.
 
@@ -187,7 +188,7 @@ def compare_supports(
 
 
 def cantilever_mesh(design: SupportDesign, size_m: float) -> MeshTet:
-    """Cut the column with its arm into tetrahedra, lengths along arm, thickness and height."""
+    """Return tetrahedra for the column with its arm; lengths along arm, thickness and height."""
     from skfem import MeshHex
 
     flange = design.column_m + (1.0 - _FLANGE_SHARE) * design.arm_m
@@ -203,7 +204,7 @@ def cantilever_mesh(design: SupportDesign, size_m: float) -> MeshTet:
 
 
 def tube_mesh(design: SupportDesign, size_m: float) -> MeshTet:
-    """Cut the cylinder into tetrahedra; its polygons have the areas of its circles."""
+    """Return tetrahedra for the cylinder; its polygons have the areas of the circles."""
     from skfem import MeshHex
 
     radii = np.array([design.bore_m, design.cylinder_m]) / 2.0
@@ -221,7 +222,7 @@ def tube_mesh(design: SupportDesign, size_m: float) -> MeshTet:
 
 
 def _divided(borders_m: tuple[float, ...], size_m: float) -> FloatArray:
-    """Divide the intervals between borders into at least two steps of about a size each."""
+    """Divide the intervals between borders into at least two steps of about a given size each."""
     parts = [
         np.linspace(first, last, max(2, round((last - first) / size_m)), endpoint=False)
         for first, last in itertools.pairwise(borders_m)
@@ -241,9 +242,10 @@ def twisted_solid(
 ) -> TwistedSolid:
     """Clamp some facets of a body and twist others about an axis through their centre.
 
-    The loaded facets are level. About the third axis the load is a tangential traction that grows
-    with the distance from the axis, about the first one a vertical traction that grows across it:
-    pure torques. The rotation is that of a rigid flange which does the same work.
+    The loaded facets lie in a horizontal plane. About the third axis, the load is a tangential
+    traction in proportion to the distance from the axis; about the first axis, it is a vertical
+    traction in proportion to the distance from it. Both are pure torques. The rotation is that of a
+    rigid flange on which the load does the same work.
     """
     from scipy.sparse.linalg import spsolve
     from skfem import Basis, ElementTetP2, ElementVector, FacetBasis, LinearForm

@@ -29,7 +29,7 @@ def _positive(name: str, value: ArrayLike) -> FloatArray:
 
 
 def polar_moment(outer_diameter_m: ArrayLike, inner_diameter_m: ArrayLike = 0.0) -> NDArray[Any]:
-    """Polar second moment of area of a round shaft, J = π (D⁴ − d⁴) / 32; its torsion constant.
+    """Return a round shaft's polar second moment of area, and torsion constant, π (D⁴ − d⁴) / 32.
 
     Parameters
     ----------
@@ -66,10 +66,10 @@ def polar_moment(outer_diameter_m: ArrayLike, inner_diameter_m: ArrayLike = 0.0)
 
 
 def rectangle_torsion_factor(aspect_ratio: ArrayLike) -> FloatArray:
-    """Torsion factor β_s of a solid rectangle with sides a ≥ b.
+    """Return the torsion factor β_s of a solid rectangle with sides a ≥ b.
 
-    β_s(q) = ⅓ [1 − 192/(π⁵ q) Σ_{n odd} tanh(nπq/2)/n⁵]. The sum is taken as (31/32) ζ(5) less
-    the terms of 1 − tanh, which fall exponentially, so that it is exact to rounding.
+    β_s(q) = ⅓ [1 − 192/(π⁵ q) Σ_{n odd} tanh(nπq/2)/n⁵]. The sum is calculated as (31/32) ζ(5) less
+    the terms of 1 − tanh, which decrease exponentially, so that it is exact to rounding.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def rectangle_torsion_factor(aspect_ratio: ArrayLike) -> FloatArray:
     Returns
     -------
     float64[...]
-        β_s, of the ratio's shape; ⅓ for an endless strip.
+        β_s, of the ratio's shape; ⅓ for an infinitely long strip.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def rectangle_torsion_factor(aspect_ratio: ArrayLike) -> FloatArray:
 
 
 def rectangle_torsion_constant(longer_m: ArrayLike, shorter_m: ArrayLike) -> FloatArray:
-    """Torsion constant β_s a b³ of a solid rectangle.
+    """Return the torsion constant β_s a b³ of a solid rectangle.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def rectangle_torsion_constant(longer_m: ArrayLike, shorter_m: ArrayLike) -> Flo
 
 
 def equal_area_twist_ratio(aspect_ratio: ArrayLike) -> FloatArray:
-    """Ratio of the twist of a rectangle to that of a circle of the same area: (a/b) / (2π β_s).
+    """Return the twist of a rectangle over that of a circle of equal area: (a/b) / (2π β_s).
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def equal_area_twist_ratio(aspect_ratio: ArrayLike) -> FloatArray:
     Returns
     -------
     float64[...]
-        θ of the rectangle by θ of the circle, above 1.
+        θ of the rectangle divided by θ of the circle, above 1.
 
     Raises
     ------
@@ -162,19 +162,19 @@ def equal_area_twist_ratio(aspect_ratio: ArrayLike) -> FloatArray:
 
 
 def hollow_circle_gain(diameter_ratio: ArrayLike) -> FloatArray:
-    """Gain in stiffness of a hollow circle over a solid one of the same area.
+    """Return the stiffness of a hollow circle divided by that of a solid one of the same area.
 
-    (1 + k²) / (1 − k²) with k = d/D.
+    It is (1 + k²) / (1 − k²) with k = d/D.
 
     Parameters
     ----------
     diameter_ratio : array_like
-        Inner by outer diameter, 0 ≤ k < 1.
+        Inner divided by outer diameter, 0 ≤ k < 1.
 
     Returns
     -------
     float64[...]
-        Stiffness by that of the solid circle, at least 1.
+        Ratio of the stiffnesses, at least 1.
 
     Raises
     ------

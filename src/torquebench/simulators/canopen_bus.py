@@ -1,4 +1,4 @@
-"""A CAN bus over TCP as `socketcand` serves one, with simulated CANopen nodes on it."""
+"""A CAN bus over TCP with the protocol of `socketcand`, with simulated CANopen nodes on it."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ class _Periodic:
         self.over = False
 
     def update(self, data: Any) -> None:
-        """Send this from now on."""
+        """Send this data from now on."""
         self.data = bytes(data)
 
     def stop(self) -> None:
-        """Send it no more."""
+        """Stop sending."""
         self.over = True
 
 
 class _ServedNetwork(canopen.Network):
-    """CANopen's services on a bus that is served here, instead of one opened by python-can."""
+    """CANopen's network interface on this simulated bus, instead of one opened by python-can."""
 
     def __init__(self, bus: CanBusSimulator) -> None:
         super().__init__(None)
@@ -48,12 +48,12 @@ class _ServedNetwork(canopen.Network):
         self.periodic: list[_Periodic] = []
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        """Put a node's frame on the bus."""
+        """Send a node's frame to the bus."""
         if not remote:
             self._served.broadcast(can_id, bytes(data))
 
     def send_periodic(self, can_id: int, data: Any, period: float, remote: bool = False) -> Any:
-        """Have a node's frame sent again and again."""
+        """Send a node's frame periodically."""
         del remote
         task = _Periodic(can_id, bytes(data), period)
         self.periodic.append(task)
@@ -61,14 +61,14 @@ class _ServedNetwork(canopen.Network):
 
 
 class CanBusSimulator(LineServer):
-    """A bus that clients reach by python-can's interface `socketcand`.
+    """A bus to which clients connect by python-can's interface `socketcand`.
 
     Parameters
     ----------
     faults : WireFaults
-        Spoils frames of the nodes.
+        Faults in the frames of the nodes.
     host, port
-        Port 0 takes a free one, which `port` then says.
+        With port 0, a free port is chosen, which `port` then holds.
     """
 
     def __init__(self, faults: WireFaults, host: str, port: int) -> None:
@@ -82,7 +82,7 @@ class CanBusSimulator(LineServer):
         self._ticking.start()
 
     def add_node(self, node: Cia402Node) -> None:
-        """Put a drive on the bus; it boots."""
+        """Add a drive to the bus; the drive boots."""
         with self._bus_lock:
             self._nodes.append(node)
             node.join(self.network)
@@ -107,7 +107,7 @@ class CanBusSimulator(LineServer):
         self._ticking.join()
 
     def broadcast(self, can_id: int, data: bytes, sender: socket.socket | None = None) -> None:
-        """Show a frame to every client, except to the one that sent it."""
+        """Send a frame to every client except the sender."""
         frame = f"< frame {can_id:03X} {time.time():.6f} {data.hex()} >".encode("ascii")
         if sender is None:
             spoilt = self.faults.outgoing(frame)
@@ -120,7 +120,7 @@ class CanBusSimulator(LineServer):
                     client.sendall(frame)
 
     def attend(self, connection: socket.socket) -> None:
-        """Speak socketcand's protocol with one client until it disconnects."""
+        """Serve one client by socketcand's protocol until it disconnects."""
         try:
             with contextlib.suppress(OSError):
                 connection.sendall(b"< hi >")

@@ -34,7 +34,7 @@ RAMPS = (
 
 
 def serial_number(serial: str) -> int:
-    """Return the number that a CANopen identity can hold for a serial: itself if it is one."""
+    """Return the number for a serial in a CANopen identity: the serial itself, if numeric."""
     return int(serial) if serial.isdigit() else zlib.crc32(serial.encode())
 
 
@@ -48,7 +48,7 @@ class Cia402Node:
     node : int
     velocity_units_per_rpm : float
     faults : WireFaults
-        For freezing and lying.
+        Faults such as freezing and lying.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Cia402Node:
     # -- on the bus -------------------------------------------------------------------------
 
     def join(self, network: Any) -> None:
-        """Boot on this bus: SDO answers unless the node is stopped, NMT commands are obeyed."""
+        """Boot on this bus: answer SDO requests unless stopped, and follow NMT commands."""
         network.add_node(self.node)
         sdo = self.node.sdo
         network.unsubscribe(sdo.rx_cobid, sdo.on_request)
@@ -123,7 +123,7 @@ class Cia402Node:
                 self._emergency = NMT_ERROR
 
     def _consume(self, value: int) -> None:
-        """Watch the heartbeat of object 0x1016, from the first one on."""
+        """Monitor the heartbeat of object 0x1016, from the first one on."""
         master, period_s = value >> 16, (value & 0xFFFF) / MS_PER_S
         if master > 127:
             raise canopen.SdoAbortedError(VALUE_NOT_ALLOWED)
@@ -141,7 +141,7 @@ class Cia402Node:
         self._drive.feed_watchdog()
 
     def tick(self) -> None:
-        """Send an emergency where something has happened or is over."""
+        """Send an emergency message when a fault has occurred or is over."""
         with self._plant.lock:
             state = self._drive.state()
             self._follow(state.enabled, bool(state.fault))
@@ -209,7 +209,7 @@ class Cia402Node:
         return values.get(index)
 
     def _follow(self, enabled: bool, fault: bool) -> None:
-        """Update the state after the drive's watchdog has acted."""
+        """Update the state after the drive's watchdog has tripped."""
         self._arrive()
         enabled = enabled or self._drive.state().enabled
         if fault and self._state != "fault":
@@ -286,13 +286,13 @@ class Cia402Node:
             self._go(state)
 
     def _go(self, state: str) -> None:
-        """Enter a state: at once, or as slowly as ordered."""
+        """Enter a state, at once or after the delay of an injected fault."""
         if self._state != state:
             self._next = (time.monotonic() + self._faults.slowness_s, state)
             self._arrive()
 
     def _arrive(self) -> None:
-        """Enter the state that is due."""
+        """Enter the state whose delay is over."""
         slowness_s = self._faults.slowness_s
         if not slowness_s:
             self._booted = None

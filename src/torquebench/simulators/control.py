@@ -10,7 +10,7 @@ along a path), `{"do": "certificates"}` (of the simulated calibrator), `{"do":
 "encoder_certificates"}`, `{"do": "reducer_certificate"}`, `{"do": "mounting"}` (the record of the
 mounting), `{"do": "supply", "on": false}` (of the drives), `{"do": "drive_log", "side": "output"}`
 (commands and reactions of that drive with its set points, in the plant's time). Every answer is an
-object, with `error` where the request can't be done.
+object, with `error` if the request fails.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ def _refuse(constant: str) -> float:
 
 
 class ControlServer(LineServer):
-    """Mounts objects, and breaks and repairs wires.
+    """Server that mounts objects, and injects and repairs faults.
 
     Parameters
     ----------
     plant : Plant
     misbehaviour : Misbehaviour
     host, port
-        Port 0 takes a free one, which `port` then says.
+        With port 0, a free port is chosen, which `port` then holds.
     """
 
     def __init__(self, plant: Plant, misbehaviour: Misbehaviour, host: str, port: int) -> None:

@@ -1,6 +1,7 @@
-"""An NI gRPC Device Server with one simulated counter card of the simulated bench.
+"""An NI gRPC Device Server with a simulated counter card of the simulated bench.
 
-It serves buffered period and encoder measurements, with the servicer and the messages of `nidaqmx`.
+It provides buffered period and encoder measurements, with the servicer and the messages of
+`nidaqmx`.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from torquebench.simulators.plant import AngleTap, EdgeTap, Plant
 __all__ = ["DaqmxSimulator", "device_number"]
 
 TIMEOUT_ERROR = -200284  # some or all of the samples requested have not yet been acquired
-OVERRUN = -200279  # the samples are no longer there: they were overwritten before they were read
+OVERRUN = -200279  # the samples were overwritten before they were read
 RESERVED = -50103
 NO_SUCH_TASK = -200088
 NO_SUCH_COUNTER = -200170
@@ -44,7 +45,7 @@ MESSAGES = {
     WRONG_VALUE: "Requested value is not a supported value for this property.",
 }
 DEFAULT_BUFFER = 100_000
-"""Default number of samples."""
+"""Default number of samples in a buffer."""
 WAIT_STEP_S = 0.005
 LONGEST_WAIT_S = 60.0
 ALL_THERE_ARE = -1
@@ -55,7 +56,7 @@ ATTRIBUTE_SERIAL = 0x632
 
 
 def device_number(serial: str) -> int:
-    """Return a device's serial number from eight hexadecimal digits, 0 if it is none."""
+    """Return a device's serial number from eight hexadecimal digits, or 0."""
     with contextlib.suppress(ValueError):
         return int(serial, 16) & 0xFFFFFFFF
     return 0
@@ -81,7 +82,7 @@ class _Task:
 
 
 class _Servicer(services.NiDAQmxServicer):
-    """The calls of the driver."""
+    """Service with the calls of the driver."""
 
     def __init__(self, plant: Plant, wiring: dict[str, str], faults: WireFaults) -> None:
         self._plant = plant
@@ -94,7 +95,7 @@ class _Servicer(services.NiDAQmxServicer):
         self._serial = device_number(plant.description.counter.serial)
 
     def _fail(self, context: Any, code: int) -> NoReturn:
-        """End a call with the driver's error, as the device server does."""
+        """End a call with an error of the driver, like the device server."""
         context.set_trailing_metadata((("ni-error", str(code)),))
         context.abort(grpc.StatusCode.UNKNOWN, f"{MESSAGES[code]} Status code: {code}")
         raise BenchError("unreachable")
@@ -140,7 +141,7 @@ class _Servicer(services.NiDAQmxServicer):
             self._plant.reading(False)
 
     def clear_of(self, client: str | None = None) -> None:
-        """End every task of a client that has disconnected, or of all."""
+        """End every task of a client that has disconnected, or of all clients."""
         with self._lock:
             gone = [task for task in self._tasks.values() if client in (None, task.client)]
             for task in gone:
@@ -195,7 +196,7 @@ class _Servicer(services.NiDAQmxServicer):
             if any(each.started and each.channel == task.channel for each in others):
                 self._fail(context, RESERVED)
             task.started = True
-        if task.clock:  # its first pulse arms all others, on the encoders' millisecond
+        if task.clock:  # its first pulse arms all others, on the encoders' millisecond grid
             with self._plant.lock:
                 self._plant.counting(True)
                 millisecond = round(self._timebase_hz / 1e3)
@@ -281,7 +282,7 @@ class _Servicer(services.NiDAQmxServicer):
             self._fail(context, NOT_STARTED)
         timeout_s = LONGEST_WAIT_S if request.timeout < 0.0 else request.timeout
         count = self._await(task, request.num_samps_per_chan, timeout_s, context)
-        if task.name not in self._tasks:  # cleared meanwhile
+        if task.name not in self._tasks:  # ended meanwhile
             self._fail(context, NO_SUCH_TASK)
         with self._lock:
             if task.overrun:
@@ -301,7 +302,7 @@ class _Servicer(services.NiDAQmxServicer):
         )
 
     def _await(self, task: _Task, count: int, timeout_s: float, context: Any) -> int:
-        """Wait for a number of samples of the plant's time; return how many are requested."""
+        """Wait for a number of samples in the plant's time; return the number of requested ones."""
         age_s = self._faults.age_s()
         if count == ALL_THERE_ARE:
             timeout_s = 0.0
@@ -324,14 +325,14 @@ class _Servicer(services.NiDAQmxServicer):
                 return count
 
     def _standing(self, task: _Task, taken: NDArray[np.uint32]) -> NDArray[np.uint32]:
-        """Return as many samples of the values at the time of the freeze."""
+        """Return a number of samples with the values at the time of the freeze."""
         if task.frozen is None or task.frozen.size == 0:
             task.frozen = taken[-1:].copy()
         return np.repeat(task.frozen, taken.size)[: taken.size]
 
 
 class _Spoiler(grpc.ServerInterceptor):
-    """Causes the ordered faults in answers, below the service."""
+    """Interceptor that causes the injected faults in answers, below the service."""
 
     def __init__(self, faults: WireFaults) -> None:
         self._faults = faults
@@ -346,7 +347,7 @@ class _Spoiler(grpc.ServerInterceptor):
         def spoilt(request: Any, context: Any) -> Any:
             answer = handler.unary_unary(request, context)
             data = faults.outgoing(handler.response_serializer(answer))
-            if data is None:  # as if the answer were lost
+            if data is None:  # as if the answer was lost
                 threading.Event().wait(context.time_remaining() or 0.0)
                 context.abort(grpc.StatusCode.DEADLINE_EXCEEDED, "no answer")
             return data
@@ -359,8 +360,8 @@ class _Spoiler(grpc.ServerInterceptor):
 class DaqmxSimulator(LineServer):
     """The device server on a TCP port.
 
-    gRPC doesn't report to its service that a client has disconnected, so clients are forwarded to
-    it one by one: the tasks end with the connection, as with a local driver.
+    gRPC doesn't tell its service that a client has disconnected. Clients are therefore forwarded to
+    it one by one, so that their tasks end with the connection, as with a local driver.
 
     Parameters
     ----------
@@ -369,7 +370,7 @@ class DaqmxSimulator(LineServer):
         Such as `{"Dev1/ctr0": "input_torque", "Dev1/ctr4": "input"}`.
     faults : WireFaults
     host, port
-        Port 0 takes a free one, which `port` then says.
+        With port 0, a free port is chosen, which `port` then holds.
     """
 
     def __init__(
@@ -391,7 +392,7 @@ class DaqmxSimulator(LineServer):
             raise
 
     def attend(self, connection: socket.socket) -> None:
-        """Forward one client's bytes until it disconnects, then clear its tasks."""
+        """Forward one client's bytes until it disconnects, then end its tasks."""
         with socket.create_connection(self._inner) as inner:
             inner.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             host, port = inner.getsockname()
@@ -413,7 +414,7 @@ class DaqmxSimulator(LineServer):
 
 
 def _pass_on(source: socket.socket, target: socket.socket) -> None:
-    """Forward bytes until either side closes; then close both for the other direction."""
+    """Forward bytes until one side closes; then close both."""
     with contextlib.suppress(OSError):
         while data := source.recv(65536):
             target.sendall(data)

@@ -1,4 +1,4 @@
-"""A TCP server with a thread a client, for simulators that answer line by line."""
+"""A TCP server with a thread for each client, for simulators that answer line by line."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ ACCEPT_POLL_S = 0.1
 
 
 class LineServer(ABC):
-    """Accepts clients and attends to each in a thread of its own.
+    """Server that accepts clients and serves each in a thread of its own.
 
     Parameters
     ----------
     faults : WireFaults
     host : str
     port : int
-        0 takes a free one, which `port` then says.
+        With 0, a free port is chosen, which `port` then holds.
     """
 
     def __init__(self, faults: WireFaults, host: str, port: int) -> None:

@@ -1,4 +1,4 @@
-"""Simulated instruments misbehave on command: on the wire, in their actions and in their values.
+"""Injected faults of simulated instruments: on the wire, in their actions and in their values.
 
 ===============  ============================================================================
 `delay`          each answer comes `amount` seconds late (default 1 s): with 0.005 a slow wire
@@ -21,8 +21,8 @@
 `busy`           a Modbus server answers that it is busy (exception 6)
 ===============  ============================================================================
 
-An order lasts until `replies` answers were spoilt, until `duration_s` of wall time have passed, or
-until it is healed, whichever comes first. Endpoints are called as the sections of `[driver]`:
+A fault lasts until `replies` answers were affected, until `duration_s` of wall time have passed, or
+until it is healed, whichever comes first. Endpoints have the names of the sections of `[driver]`:
 `counter`, `input_drive`, `output_drive`, `reference`, `temperature`, `modes`, `clamp`, `angles`.
 """
 
@@ -64,9 +64,9 @@ AMOUNTS: dict[MisbehaviourKind, tuple[float, float, float]] = {
     "scale": (1.03, 0.0, 10.0),
     "jitter": (0.05, 0.0, 1.0),
 }
-"""Default, lowest and highest amount of the kinds that have one; see above for their units."""
+"""Default, lowest and highest amount of the kinds that have one; their units are given above."""
 GARBLED_SHARE = 4
-"""One byte of this many is changed, and at least one."""
+"""Number of bytes of which one is changed; at least one byte is changed."""
 
 
 @dataclass
@@ -81,13 +81,13 @@ class _Order:
 
 
 class WireFaults:
-    """Ordered faults of one endpoint; its simulator checks them before every answer.
+    """Injected faults of one endpoint, which its simulator checks before every answer.
 
     Parameters
     ----------
     name : str
     random_source : random.Random
-        Draws which bytes are garbled.
+        Random source for the garbled bytes.
     """
 
     def __init__(self, name: str, random_source: random.Random) -> None:
@@ -96,22 +96,22 @@ class WireFaults:
         self._lock = threading.Lock()
         self._orders: dict[MisbehaviourKind, _Order] = {}
         self.disconnect: Callable[[], None] = lambda: None
-        """Set by the simulator: closes every connection."""
+        """Function, set by the simulator, that closes every connection."""
 
     def start(
         self, kind: MisbehaviourKind, amount: float, replies: int | None, duration_s: float | None
     ) -> None:
-        """Begin to misbehave."""
+        """Begin a fault."""
         until = None if duration_s is None else time.monotonic() + duration_s
         with self._lock:
             self._orders[kind] = _Order(amount, replies, until)
         if kind == "disconnect":
             self.disconnect()
-            if replies is None and duration_s is None:  # once
+            if replies is None and duration_s is None:  # only once
                 self.heal(kind)
 
     def heal(self, kind: MisbehaviourKind | None = None) -> None:
-        """End one kind of misbehaviour, or all."""
+        """End one kind of fault, or all kinds."""
         with self._lock:
             if kind is None:
                 self._orders.clear()
@@ -126,7 +126,7 @@ class WireFaults:
         return order
 
     def active(self, kind: MisbehaviourKind) -> bool:
-        """Tell whether a misbehaviour is under way."""
+        """Return whether a fault is active."""
         return self._order(kind) is not None
 
     def _amount(self, kind: MisbehaviourKind, otherwise: float) -> float:
@@ -134,7 +134,7 @@ class WireFaults:
         return otherwise if order is None else order.amount
 
     def _take(self, kind: MisbehaviourKind) -> float | None:
-        """Take one order for an answer: return its amount, None if there is none."""
+        """Use a fault for one answer: return its amount, None if there is none."""
         with self._lock:
             order = self._order(kind)
             if order is not None and order.replies is not None:
@@ -143,17 +143,17 @@ class WireFaults:
 
     @property
     def frozen(self) -> bool:
-        """Whether its values are frozen."""
+        """Whether the values are frozen."""
         return self.active("freeze")
 
     @property
     def lying(self) -> bool:
-        """Whether it states the opposite of the true values."""
+        """Whether the opposite of the true values is reported."""
         return self.active("lie")
 
     @property
     def ignoring(self) -> bool:
-        """Whether this command is to be acknowledged only."""
+        """Whether this command is acknowledged without effect."""
         return self._take("ignore") is not None
 
     @property
@@ -163,50 +163,50 @@ class WireFaults:
 
     @property
     def not_yet(self) -> bool:
-        """Whether this command is to be refused in the present state."""
+        """Whether this command is refused in the present state."""
         return self._take("not yet") is not None
 
     @property
     def busy(self) -> bool:
-        """Whether this request is to be answered by "busy"."""
+        """Whether this request is answered by "busy"."""
         return self._take("busy") is not None
 
     @property
     def slowness_s(self) -> float:
-        """How long each step of a drive to its power takes, s."""
+        """Duration of each step of a drive to its power, s."""
         return self._amount("slow", 0.0)
 
     @property
     def scale(self) -> float:
-        """Factor of a value; 1 without a fault."""
+        """Factor on a value; 1 without a fault."""
         return self._amount("scale", 1.0)
 
     def age_s(self) -> float:
-        """Draw the age of the stated value, s."""
+        """Draw the age of the reported value, s."""
         amount_s = self._amount("jitter", 0.0)
         return self._random.uniform(0.0, amount_s) if amount_s else 0.0
 
     @property
     def refusing(self) -> bool:
-        """Whether a new connection is to be closed at once."""
+        """Whether a new connection is closed at once."""
         return self._take("disconnect") is not None
 
     def pause(self) -> None:
-        """Wait where the answer is to be late."""
+        """Wait if the answer is delayed by a fault."""
         delay_s = self._take("delay")
         if delay_s is not None:
             time.sleep(delay_s)
 
     def dropping(self) -> bool:
-        """Return whether this answer is to be dropped."""
+        """Return whether this answer is dropped."""
         return self._take("drop") is not None
 
     def garbling(self) -> bool:
-        """Tell whether this answer is to be garbled."""
+        """Return whether this answer is garbled."""
         return self._take("garble") is not None
 
     def outgoing(self, data: bytes) -> bytes | None:
-        """Spoil the bytes of one answer as ordered; None drops them. Waits where it is late."""
+        """Apply the faults to one answer, and wait if it is late; None drops the answer."""
         if not self._orders:
             return data
         self.pause()
@@ -223,7 +223,7 @@ class WireFaults:
 
 
 class Misbehaviour:
-    """Orders to all endpoints of a set of simulators.
+    """Faults of all endpoints of a set of simulators.
 
     Parameters
     ----------
@@ -248,12 +248,12 @@ class Misbehaviour:
         return self._endpoints.setdefault(name, WireFaults(name, self._random))
 
     def alias(self, name: str, endpoint: str) -> None:
-        """Let orders name an endpoint by another role that the same instrument has."""
+        """Let an endpoint be named by another role of the same instrument."""
         self._endpoints[name] = self._endpoints[endpoint]
 
     @property
     def endpoints(self) -> tuple[str, ...]:
-        """Names that orders may have."""
+        """Names of endpoints and aliases."""
         return tuple(self._endpoints)
 
     def start(
@@ -265,7 +265,7 @@ class Misbehaviour:
         replies: int | None = None,
         duration_s: float | None = None,
     ) -> None:
-        """Have an endpoint misbehave.
+        """Begin a fault of an endpoint.
 
         Parameters
         ----------
@@ -275,7 +275,7 @@ class Misbehaviour:
         amount : float, optional
             Amount, for kinds that have one.
         replies : int, optional
-            For so many answers.
+            Number of affected answers.
         duration_s : float, optional
             Duration, s of wall time.
 
@@ -307,7 +307,7 @@ class Misbehaviour:
         self._endpoints[endpoint].start(kind, amount, replies, duration_s)
 
     def heal(self, endpoint: str | None = None) -> None:
-        """End all misbehaviour of one endpoint, or of all."""
+        """End all faults of one endpoint, or of all endpoints."""
         for name, faults in self._endpoints.items():
             if endpoint is None or name == endpoint:
                 faults.heal()

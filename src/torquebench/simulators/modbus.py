@@ -1,4 +1,4 @@
-"""A Modbus TCP server before one image of the simulated bench.
+"""A Modbus TCP server with one image of the simulated bench.
 
 It doesn't use pymodbus's server, which loses requests that arrive before it has answered.
 """
@@ -53,7 +53,7 @@ class ModbusSimulator(LineServer):
     image : Image
     faults : WireFaults
     host, port
-        Port 0 takes a free one, which `port` then says.
+        With port 0, a free port is chosen, which `port` then holds.
     unit : int
     base : int
         First register of the image.
@@ -121,7 +121,7 @@ class ModbusSimulator(LineServer):
     # -- reading ----------------------------------------------------------------------------
 
     def _table(self, function: int) -> dict[int, int]:
-        """Return the table of a function, by address on the wire."""
+        """Return the table of a function by the protocol's addresses."""
         if not self.faults.frozen:
             self._frozen.pop(function, None)
         elif function in self._frozen:

@@ -32,13 +32,13 @@ _MODES: tuple[Mode, ...] = ("free", "driven", "locked")
 
 
 class Image(ABC):  # noqa: B024 - no instrument has every table
-    """One instrument's memory, by address; other addresses are illegal.
+    """The registers and bits of one instrument by address; other addresses are illegal.
 
     Parameters
     ----------
     plant : Plant
     faults : WireFaults
-        Ordered faults of its values and actions.
+        Injected faults of its values and actions.
     model, serial : str
         For the name plate.
     """
@@ -67,14 +67,14 @@ class Image(ABC):  # noqa: B024 - no instrument has every table
         return {}
 
     def written(self, address: int, values: list[int]) -> None:
-        """Accept a write to holding registers completely or not at all.
+        """Accept a write to holding registers, either completely or not at all.
 
         Raises
         ------
         IndexError
             There is no such register.
         ValueError
-            A value that it can't have.
+            A value that isn't allowed.
         """
         raise IndexError(address + len(values))
 
@@ -90,7 +90,7 @@ def _placed(words: Mapping[int, list[int]]) -> dict[int, int]:
 
 
 class DriveImage(Image):
-    """A drive with torque and speed control, and a watchdog that is off until it gets a time."""
+    """A drive with torque and speed control, and a watchdog that is off until its time is set."""
 
     def __init__(self, plant: Plant, faults: WireFaults, side: Side) -> None:
         module = plant.description.module(side)
@@ -103,7 +103,7 @@ class DriveImage(Image):
         torque_nm = 1.2 * module.limits.torque_nm
         speed_rad_s = 1.2 * module.limits.speed_rpm / RPM_PER_RAD_S
         self._maximum = torque_nm, speed_rad_s
-        rounded = 1.0 + 1e-6  # to a float of 32 bits
+        rounded = 1.0 + 1e-6  # rounded to a 32-bit float
         self._allowed = {
             DriveCommand.TORQUE: (-rounded * torque_nm, rounded * torque_nm),
             DriveCommand.SPEED: (-rounded * speed_rad_s, rounded * speed_rad_s),
@@ -144,7 +144,7 @@ class DriveImage(Image):
         return dict(enumerate(self._holding))
 
     def written(self, address: int, values: list[int]) -> None:
-        """Obey, or refuse the whole request."""
+        """Execute the written commands, or refuse the whole request."""
         touched = range(address, address + len(values))
         if touched.stop > len(self._holding):
             raise IndexError(touched.stop)
@@ -226,7 +226,7 @@ class ProbesImage(Image):
         self._probes = probes
 
     def inputs(self) -> dict[int, int]:
-        """Return hundredths of a degree."""
+        """Return temperatures in hundredths of a degree."""
         present = self.plant.bench.temperatures()
         lie_k, scale = LIE_K if self.faults.lying else 0.0, self.faults.scale
         broken = register_map.PROBE_BROKEN % 65536

@@ -1,9 +1,9 @@
-"""The simulated bench common to all simulators of one description, and its time.
+"""The simulated bench that all simulators of one description share, and its time.
 
-On demand, bench time advances as the counter is read: a request for samples up to a time simulates
-them. Unmodified drivers are then exact at any speed, because the counter's clock is the bench's
-clock. If the counter is no longer read (the client was killed) while a drive is on, time follows
-the wall clock, so that the drive's own watchdog can act.
+With time "on-demand", bench time advances when the counter is read: a request for samples up to a
+time simulates them. Unmodified drivers are then exact at any speed, because the counter's clock is
+the bench's clock. If the counter is no longer read while a drive is on (the client was killed),
+time follows the wall clock, so that the drive's own watchdog can trip.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from torquebench.signals import EdgeBlock
 __all__ = ["AngleTap", "EdgeTap", "Plant"]
 
 STEP_S = 0.05
-"""Longest piece of bench time that is simulated at once."""
+"""Longest part of bench time that is simulated at once, s."""
 WALL_STEP_S = 0.005
 LONGEST_STALL_S = 2.0
-"""A plant that follows the wall clock has stopped if nothing was simulated for longer, s."""
+"""Time without simulation after which a plant in real time counts as stopped, s."""
 KEPT_TORQUES = 400
 KEPT_COUNTS = 400
 
@@ -37,14 +37,14 @@ Ticks = NDArray[np.int64]
 
 
 class EdgeTap:
-    """The edges of one channel, as one counter input gets them."""
+    """Buffer of one channel's edges for one counter input."""
 
     def __init__(self, channel: str) -> None:
         self.channel = channel
         self._blocks: list[EdgeBlock] = []
 
     def put(self, block: EdgeBlock) -> None:
-        """Take what the plant has made."""
+        """Add the plant's new data."""
         self._blocks.append(block)
 
     def take(self) -> list[EdgeBlock]:
@@ -54,14 +54,14 @@ class EdgeTap:
 
 
 class AngleTap:
-    """The counts of one encoder, sampled every millisecond."""
+    """Buffer of one encoder's counts, sampled every millisecond."""
 
     def __init__(self, side: Side) -> None:
         self.side = side
         self._samples: list[tuple[NDArray[np.float64], Ticks]] = []
 
     def put(self, time_s: NDArray[np.float64], counts: Ticks) -> None:
-        """Take what the plant has made."""
+        """Add the plant's new data."""
         self._samples.append((time_s, counts))
 
     def take(self) -> tuple[NDArray[np.float64], Ticks]:
@@ -78,7 +78,7 @@ class Plant:
     Parameters
     ----------
     description : BenchDescription
-        With a section `[driver.simulation]`, which `options` are.
+        Description whose section `[driver.simulation]` is `options`.
     options : SimulationOptions
     """
 
@@ -103,7 +103,7 @@ class Plant:
         self._readers = 0
         self._counting = 0
         self.epoch_s = 0.0
-        """Time at which the client's counter began: its bench time 0."""
+        """Time at which the client's counter was started: its bench time 0."""
         self._read_before = False
         self._now_s = 0.0
         self._closing = threading.Event()
@@ -119,7 +119,7 @@ class Plant:
         return self._now_s
 
     def require(self, time_s: float, timeout_s: float) -> bool:
-        """Have the bench go on until a time, or wait for it; False when that takes too long."""
+        """Advance the bench to a time, or wait for it; return False after `timeout_s`."""
         deadline = time.monotonic() + timeout_s
         with self.lock:
             while self._now_s < time_s - 1e-9:
@@ -133,18 +133,18 @@ class Plant:
         return True
 
     def reading(self, begins: bool) -> None:
-        """Note that a client of the counter connected or disconnected."""
+        """Record that a client of the counter connected or disconnected."""
         with self.lock:
             self._readers += 1 if begins else -1
             self._read_before = True
 
     def _follow(self) -> None:
-        """Let time follow the wall clock where needed."""
+        """Make time follow the wall clock while that is necessary."""
         last = time.monotonic()
         while not self._closing.wait(WALL_STEP_S):
             now = time.monotonic()
             passed_s, last = min(now - last, LONGEST_STALL_S), now
-            while passed_s > 0.0:  # a busy computer delays it, but doesn't slow it down
+            while passed_s > 0.0:  # a busy computer delays the simulation, but doesn't slow it down
                 with self.lock:
                     if self.time == "real" or self._abandoned():
                         self._advance(min(passed_s, STEP_S))
@@ -204,7 +204,7 @@ class Plant:
         return tap
 
     def counting(self, begins: bool) -> None:
-        """Note that a counter starts or stops; the first to start sets the epoch."""
+        """Record that a counter starts or stops; the first one to start sets the epoch."""
         with self.lock:
             if begins and self._counting == 0:
                 self.epoch_s = self._now_s
@@ -234,7 +234,7 @@ class Plant:
             )
 
     def torques(self, side: Side) -> tuple[int, list[float]]:
-        """Return how many torques the standard has stated, and the newest of them."""
+        """Return the number of torques that the standard has produced, and the newest of them."""
         with self.lock:
             return self._torque_count[side], list(self._torques[side])
 

@@ -1,4 +1,4 @@
-"""SCPI instruments before the simulated bench: gap-free counters and a torque amplifier."""
+"""SCPI instruments of the simulated bench: gap-free counters and a torque amplifier."""
 
 from __future__ import annotations
 
@@ -40,14 +40,15 @@ ERRORS = {
 }
 OPERATION_COMPLETE, POWER_ON = 1, 128
 EVENT_OF_ERROR = {1: 32, 2: 16, 3: 8, 4: 4}
-"""Bit of the event status register by an error's hundreds: command, execution, device, query."""
+"""Bit of the event status register for the hundreds digit of an error: command, execution, device,
+query."""
 SUFFIXES = {"": 1.0, "S": 1.0, "MS": 1e-3, "US": 1e-6, "NS": 1e-9, "HZ": 1.0}
 _NUMBER = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:E[+-]?[0-9]+)?) *([A-Z]*)")
 Handler = Callable[[Sequence[str], WireFaults], str | None]
 
 
 class _ScpiError(Exception):
-    """An error by its number."""
+    """An SCPI error by its number."""
 
     def __init__(self, code: int) -> None:
         super().__init__(code)
@@ -55,7 +56,7 @@ class _ScpiError(Exception):
 
 
 def _header(pattern: str) -> re.Pattern[str]:
-    """Compile a header as in manuals: capitals are its short form, brackets optional."""
+    """Compile a header as printed in manuals: capitals are its short form, brackets optional."""
     words = []
     for optional, word in re.findall(r"(\[?):?([A-Za-z]+):?\]?", pattern):
         short = "".join(letter for letter in word if letter.isupper())
@@ -75,7 +76,7 @@ def _number(text: str, lowest: float, highest: float) -> float:
 
 
 def _choice(text: str, words: Sequence[str]) -> str:
-    """Return the short form of the keyword that a parameter is, in its short or its long form."""
+    """Return the short form of a keyword parameter, which may be given in either form."""
     for word in words:
         short = "".join(letter for letter in word if letter.isupper())
         if text in (short, word.upper()):
@@ -84,10 +85,11 @@ def _choice(text: str, words: Sequence[str]) -> str:
 
 
 class ScpiInstrument(ABC):  # noqa: B024 - some have nothing else to do
-    """The instrument that answers: IEEE 488.2's common commands, an error queue, headers.
+    """An SCPI instrument: common commands of IEEE 488.2, an error queue, and headers.
 
-    Headers have their short or long form; several in a line are separated by semicolons, the later
-    ones relative to the path of the one before. Answers to one line are in one line.
+    Headers may have their short or long form; several headers in a line are separated by
+    semicolons, and a later one is relative to the path of the one before. The answers to one line
+    are sent in one line.
 
     Parameters
     ----------
@@ -109,7 +111,7 @@ class ScpiInstrument(ABC):  # noqa: B024 - some have nothing else to do
     def serve(
         self, pattern: str, handler: Handler, *, query: bool = False, least: int = 0, most: int = 0
     ) -> None:
-        """Have a header, or its query, answered by a handler of its `least` to `most` parameters.
+        """Register a handler, with `least` to `most` parameters, for a header or its query.
 
         Examples
         --------
@@ -124,7 +126,7 @@ class ScpiInstrument(ABC):  # noqa: B024 - some have nothing else to do
         self._handlers.append((_header(pattern), query, least, most, handler))
 
     def answer(self, line: str, faults: WireFaults) -> str | None:
-        """Obey or answer one line."""
+        """Execute or answer one line."""
         path, answers = "", []
         with self._lock:
             for unit in filter(None, (part.strip() for part in line.upper().split(";"))):
@@ -202,7 +204,7 @@ class ScpiInstrument(ABC):  # noqa: B024 - some have nothing else to do
         """Reset to the power-on state."""
 
     def attended(self, begins: bool) -> None:  # noqa: B027 - most do not care
-        """Note that a client connected or disconnected."""
+        """Record that a client connected or disconnected."""
 
 
 class ScpiFrequencyCounter(ScpiInstrument):
@@ -360,7 +362,7 @@ class ScpiSimulator(LineServer):
     instrument : ScpiInstrument
     faults : WireFaults
     host, port
-        Port 0 takes a free one, which `port` then says.
+        With port 0, a free port is chosen, which `port` then holds.
     """
 
     def __init__(

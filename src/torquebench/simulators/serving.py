@@ -1,4 +1,4 @@
-"""All simulators of a bench description: one for each instrument named, and their control."""
+"""All simulators of a bench description: one for each described instrument, and their control."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ class Served(Protocol):
     port: int
 
     def close(self) -> None:
-        """End it. A second call does nothing."""
+        """End the simulator. A second call does nothing."""
 
 
 class Simulators:
-    """Serves the twin with every protocol of a bench description.
+    """Serves the twin by every protocol in a bench description.
 
-    Addresses with port 0 get a free port; `description` then has the true ones, so that a test
-    opens its bench from there.
+    Addresses with port 0 get a free port; `description` then holds the actual ports, so that a test
+    can open its bench with it.
 
     Parameters
     ----------
     description : BenchDescription
-        With `bench.driver = "instruments"` and a section `[driver.simulation]`.
+        Description with `bench.driver = "instruments"` and a section `[driver.simulation]`.
 
     Attributes
     ----------
@@ -109,19 +109,19 @@ class Simulators:
         kind: str = "",
         join: Callable[[Any], None] | None = None,
     ) -> str:
-        """Serve an endpoint unless its address is served already; return the true address.
+        """Serve an endpoint, unless its address is already served; return the actual address.
 
         Parameters
         ----------
         role : str
-            Endpoint, as orders to misbehave name it.
+            Name of the endpoint for injected faults.
         address : str
         start : callable
-            Of the endpoint's faults, host and port.
+            Function of the endpoint's faults, host and port that starts the server.
         kind : str
             Endpoints of one kind with one address are one instrument, or one bus.
         join : callable
-            Called with the server of the address, to add nodes to a bus.
+            Called with the server of the address, for example to add nodes to a bus.
         """
         host, port = split_address(address, lowest=0)
         known = self._places.get((kind, address))

@@ -1,6 +1,6 @@
 """The physical model of the whole bench with known true torque.
 
-Only the simulated driver, the simulators and tests may import it: compensation must not know its
+Only the simulated driver, the simulators and tests may import it: the compensation must not use its
 constants.
 """
 

@@ -1,4 +1,4 @@
-"""The bench's twin: commands in, blocks of edges and counts out, with known true torque."""
+"""The bench's twin: it takes commands and delivers edges and counts, with known true torque."""
 
 from collections.abc import Callable, Sequence
 
@@ -39,7 +39,7 @@ from torquebench.units import HOUR, MINUTE
 
 __all__ = ["BenchTwin"]
 
-_ENCODERS = 7  # separates the draws of encoder certificates from all others
+_ENCODERS = 7  # separates the draws of the encoders' certificates from all others
 _CONVERSION = {
     "free": mechanism.CONVERSION_FREE,
     "driven": mechanism.CONVERSION_DRIVEN,
@@ -50,16 +50,16 @@ _CONVERSION = {
 class BenchTwin:
     """A simulated test bench.
 
-    The twin starts with both sides free, clamp open, nothing mounted, drives disabled. It doesn't
-    enforce interlocks (that is the bench's job); a wrong order has its physical effect: without the
-    clamp there is no reaction and no torque. Commands take effect at the next step of 1 ms, and the
-    edges don't depend on how the time is cut into blocks.
+    The twin starts with both sides free, clamp open, nothing mounted and drives disabled. It
+    doesn't enforce interlocks (the bench does); a wrong command has its physical effect: without
+    the clamp there is no reaction and no torque. Commands take effect at the next step of 1 ms, and
+    the edges don't depend on how the time is divided into blocks.
 
     Signs: clockwise torque, speed and angle are positive on both sides; a side's torque is what
     the module applies to the mounted part. A reducer that drives a load has a positive input
     and a negative output torque at positive speed.
 
-    With the calibrator or the verification standard mounted and clamped the flanges are held:
+    With the calibrator or the verification standard mounted and clamped, the flanges are fixed:
     ``command_torque`` loads them, ``command_speed`` turns the calibrator's shaft. With a reducer
     the last of the two commands decides whether the drive controls torque or speed.
 
@@ -72,7 +72,7 @@ class BenchTwin:
     timebase_hz : float
         Ticks per second of the counters' clock.
     active_channels : sequence of str
-        Channels whose edges are made; an idle channel costs nothing.
+        Channels whose edges are generated; an unused channel costs nothing.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class BenchTwin:
         self._clamped = False
         self._enabled = [False, False]
         self._faults: list[Fault] = []
-        self._run_into: simulation.Recording | None = None  # while time passes
+        self._run_into: simulation.Recording | None = None  # used while time passes
         self._run_from = 0  # first step of this recording
         self._told_at: list[tuple[int, int]] = []
         self._told: list[tuple[float, float]] = []
@@ -132,7 +132,7 @@ class BenchTwin:
         self._compile()
 
     def _compile(self) -> None:
-        """Compile the largest kernel, by a run of no steps, while nothing waits for a block."""
+        """Compile the largest kernel, by a run without steps, before anything waits for a block."""
         self._run_into = simulation.record(0)
         self._catch_up()
         self._run_into = None
@@ -145,7 +145,7 @@ class BenchTwin:
 
     @property
     def tick(self) -> int:
-        """Bench time in ticks: where the next block starts."""
+        """Bench time in ticks: the start of the next block."""
         return self._tick
 
     def nameplate(self, channel: Channel) -> Nameplate:
@@ -164,7 +164,7 @@ class BenchTwin:
 
     # Commands ------------------------------------------------------------------------------
     def set_active_channels(self, channels: Sequence[Channel]) -> None:
-        """Make edges only of these channels from now on."""
+        """Generate edges of these channels only, from now on."""
         unknown = set(channels) - set(CHANNELS)
         if unknown:
             raise InputError(
@@ -222,7 +222,7 @@ class BenchTwin:
         self._settle_plant()
 
     def hold(self, reducer: ReducerConstants) -> None:
-        """Take another reducer to test; one that is mounted is subtracted for it."""
+        """Select another reducer to be tested; it replaces a mounted one."""
         self._parameters = self._parameters.with_reducer(reducer)
         if self._mounting == "reducer":
             self.mount("nothing")
@@ -240,7 +240,7 @@ class BenchTwin:
             self.enable(side, enabled=False)
 
     def command_torque(self, side: Side, torque_nm: float) -> None:
-        """Command a torque of the drive; the flange gets it with the loading accuracy."""
+        """Command a torque; the flange gets it with the drive's loading accuracy."""
         index = _index(side)
         torque = _finite(torque_nm, "torque", "N·m")
         if not self._enabled[index]:
@@ -248,7 +248,7 @@ class BenchTwin:
         self._tell(index, torque + self._loading[index].error(torque), np.nan)
 
     def command_speed(self, side: Side, speed_rad_s: float) -> None:
-        """Read from the drive a speed."""
+        """Command a speed of the drive."""
         index = _index(side)
         speed = _finite(speed_rad_s, "speed", "rad/s")
         if not self._enabled[index]:
@@ -258,7 +258,7 @@ class BenchTwin:
     def set_ambient(self, temperature_c: float) -> None:
         """Set the hall's temperature; the parts follow with their own time constants.
 
-        Before the first block everything is put at this temperature.
+        Before the first block, all parts get this temperature.
         """
         self.set_climate(temperature_c)
 
@@ -272,18 +272,18 @@ class BenchTwin:
         drop_every_h: float = 1.0,
         drop_min: float = 10.0,
     ) -> None:
-        """Vary the hall's temperature: a swing as over a day, and drops as when a gate is opened.
+        """Vary the hall's temperature: a daily swing, and drops as when a gate is opened.
 
-        Before the first block everything is put at the mean.
+        Before the first block, all parts get the mean temperature.
 
         Parameters
         ----------
         mean_c : float
             Middle of the swing.
         swing_k, period_h : float
-            Half of the swing, which begins upwards now, and its period.
+            Amplitude of the swing, which begins upwards now, and its period.
         drop_k, drop_every_h, drop_min : float
-            Depth of a drop, how often there is one, and how long it lasts.
+            Depth of a drop, interval between drops, and duration of a drop.
         """
         _finite(mean_c, "temperature", "°C")
         if not (swing_k >= 0.0 and drop_k >= 0.0 and min(period_h, drop_every_h, drop_min) > 0.0):
@@ -308,7 +308,7 @@ class BenchTwin:
             self._state.shaft_c[:] = mean_c
 
     def soak(self, temperature_c: float, *, shafts_behind_k: float = 0.0) -> None:
-        """Put the hall and everything in it at a temperature, as after many hours.
+        """Set the hall and all parts to a temperature, as after many hours.
 
         Parameters
         ----------
@@ -328,7 +328,7 @@ class BenchTwin:
         amount: float = 1.0,
         hours: float = 0.0,
     ) -> None:
-        """Fill the bearings between transducer and flange of a side again.
+        """Refill the bearings between transducer and flange of a side.
 
         Parameters
         ----------
@@ -336,9 +336,9 @@ class BenchTwin:
             "input" or "output".
         lubricant : {"grease", "thin-grease", "oil"}
         amount : float
-            Share of the specified value.
+            Amount as a share of the specified value.
         hours : float
-            Hours of turning that it counts as having had: a fresh one runs in.
+            Hours of turning since it was filled; fresh lubricant runs in.
         """
         self._catch_up()
         self._state.lubrication[_index(side)] = fresh_lubrication(lubricant, amount, hours)
@@ -352,7 +352,7 @@ class BenchTwin:
         duration_s: float = 0.05,
         amount: float | None = None,
     ) -> None:
-        """Break a channel for a while; for tests.
+        """Inject a fault into a channel for some time; for tests.
 
         Parameters
         ----------
@@ -369,7 +369,7 @@ class BenchTwin:
         start_s : float, optional
             Bench time of the start; None: now.
         duration_s : float
-            How long it lasts.
+            Duration of the fault.
         amount : float, optional
             See ``kind``.
         """
@@ -381,15 +381,16 @@ class BenchTwin:
     def advance(
         self, duration_s: float, drive: Callable[[float], float] | None = None
     ) -> TwinBlock:
-        """Run the bench and deliver everything that its counters, encoders and probes saw.
+        """Run the bench, and return the data of its counters, encoders and probes.
 
         Parameters
         ----------
         duration_s : float
-            How long.
+            Duration in bench time.
         drive : callable, optional
-            Gives commands while the block runs: called with the remaining time, s, it returns the
-            time until its next call. Several shorter blocks give the same result, with more work.
+            Function that gives commands while the block runs: called with the remaining time, s, it
+            returns the time until its next call. Several shorter blocks give the same result with
+            more work.
         """
         if not duration_s > 0.0:
             raise InputError(Message("duration {duration_s} s", duration_s), "a duration above 0 s")
@@ -439,7 +440,7 @@ class BenchTwin:
         )
 
     def no_load_nm(self, speed_rpm: FloatArray) -> FloatArray:
-        """No-load running torque of the reducer at input speeds, output free, at 23 °C, N·m."""
+        """Return the reducer's no-load torque at input speeds, output free, at 23 °C, N·m."""
         return true_no_load_nm(self._parameters.reducer, speed_rpm, 23.0)
 
     def static_sweep(
@@ -452,25 +453,26 @@ class BenchTwin:
         preload: bool = True,
         alone: bool = False,
     ) -> StaticSweep:
-        """Noise-free quasi-static readings along a path of true torques, hysteresis included.
+        """Return noise-free quasi-static readings along a path of true torques, with hysteresis.
 
-        Doesn't change the twin's state and needs nothing mounted. Uses the operators of the
-        dynamic twin; creep, drift, noise and repeatability are left out.
+        The twin's state doesn't change, and nothing needs to be mounted. The operators of the
+        dynamic twin are used, without creep, drift, noise and repeatability.
 
         Parameters
         ----------
         side : str
             "input" or "output".
         true_torque_nm : float64[n]
-            Path in order; branches follow from it.
+            Path in order, which determines the branches.
         temperature_c : float, optional
             Temperature of the transducer; None: the reference temperature of the data sheet.
         speed_rad_s : float
             Speed of the shaft.
         preload : bool
-            Run the path once before, so that the memory belongs to a preloaded transducer.
+            Whether to run the path once before, so that the hysteresis is that of a preloaded
+            transducer.
         alone : bool
-            With nothing between transducer and flange, as a laboratory calibrates a transducer.
+            Whether the transducer is by itself, as a laboratory calibrates it.
 
         Returns
         -------
@@ -494,7 +496,7 @@ class BenchTwin:
 
     # Inside --------------------------------------------------------------------------------
     def _tell(self, index: int, torque_nm: float, speed_rad_s: float) -> None:
-        """Give a command: at once, or at its step of the time that is passing."""
+        """Give a command: at once, or at its step while a block is running."""
         if self._run_into is None:
             constants, state, orders = self._constants, self._state, self._orders
             simulation.obey(constants, state, orders, index, torque_nm, speed_rad_s)
@@ -503,7 +505,7 @@ class BenchTwin:
             self._told.append((torque_nm, speed_rad_s))
 
     def _catch_up(self) -> None:
-        """Simulate up to the present tick: one call of the kernel for all commands until then."""
+        """Simulate up to the present tick, with one kernel call for all commands until then."""
         if self._run_into is None:
             return
         steps = -(-self._tick // self._step_ticks) - self._steps
@@ -563,7 +565,7 @@ class BenchTwin:
         self._orders.held_speed_rad_s[index] = 0.0
 
     def _settle_plant(self) -> None:
-        """Set the shafts to rest without torque after a change of the mounting."""
+        """Set the shafts to rest without torque, after a change of the mounting."""
         measured = self._mounting in ("calibrator", "verification_standard")
         if not self._clamped or self._mounting == "nothing":
             flange = mechanism.FLANGE_LOOSE
@@ -603,7 +605,7 @@ class BenchTwin:
         self._orders.inertia_kgm2[1] = behind_total + ahead_total * square
 
     def _edges(self, channel: Channel, first: int, recording: simulation.Recording) -> TickArray:
-        """Edges of one channel up to the present tick, with its faults."""
+        """Return the edges of one channel up to the present tick, with its faults."""
         source = self._sources[channel]
         faults = [fault for fault in self._faults if fault.channel == channel]
         steps = recording.torque_nm.shape[1]
@@ -617,7 +619,7 @@ class BenchTwin:
         if not faults:
             return taken
         edges = broken_edges(faults, taken, number, self._timebase_hz)
-        return edges[edges < self._tick]  # a doubled last one would be late
+        return edges[edges < self._tick]  # a doubled last edge would be late
 
 
 def _index(side: str) -> int:

@@ -110,7 +110,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class TwinBlock:
-    """Everything that the bench delivers over one half-open interval of its counters' clock.
+    """All data of the bench over one half-open interval of its counters' clock.
 
     Attributes
     ----------
@@ -181,7 +181,7 @@ class Certificate:
     expanded_uncertainty_nm: FloatArray
 
     def correct(self, indication_nm: FloatArray) -> FloatArray:
-        """Torque from the reference's indication, by linear interpolation between the points.
+        """Return the torque for an indication, by linear interpolation between the points.
 
         Parameters
         ----------

@@ -19,9 +19,9 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 
-CERTIFIED_POINTS = 50  # for each direction, evenly spaced
+CERTIFIED_POINTS = 50  # in each direction, evenly spaced
 _KNOTS_PER_POINT = 4
-TABLE_END = 1.2  # the error table covers this share of the range on both sides
+TABLE_END = 1.2  # the error table covers this share of the range in both directions
 
 
 class ReferenceConstants(NamedTuple):
@@ -71,7 +71,7 @@ class ReferenceParameters:
     certified_uncertainty: float
 
     def error_table(self) -> FloatArray:
-        """Error at the knots as an array, for the kernels."""
+        """Error at the knots as an array for the kernels."""
         return np.array(self.error)
 
     def certificate(self) -> Certificate:
@@ -99,7 +99,7 @@ def draw_reference(
     constants : ReferenceConstants
         Scalars.
     largest_error : float
-        Largest relative error that is allowed; 60-95 % of it are used.
+        Largest allowed relative error; the drawn error reaches 60-95 % of it.
     certificate_noise : float
         Relative standard deviation of the certificate's entries.
     interpolation_error : float
@@ -135,7 +135,7 @@ def reference_indication(
     temperature_c: float,
     normal: float,
 ) -> float:
-    """Torque with certificate error, drift and noise, in N·m of actual sensitivity."""
+    """Return the torque with certificate error, drift and noise, in N·m of actual sensitivity."""
     relative = torque_nm / constants.nominal_torque_nm
     last = error_table.size - 1
     place = min(max((relative / TABLE_END + 1.0) * 0.5 * last, 0.0), last - 1e-9)

@@ -1,7 +1,8 @@
-"""Additional torque of the chain: from the transducer's torque to the true one.
+"""Additional torque of the chain: the difference between the transducer's torque and the true one.
 
-The quadratics per direction are the sources' equations (`torquebench.mechanics`); no polynomial
-describes the rest: the step at torque reversal, the spline's engagement and local bumps.
+The quadratic parts of each direction are the sources' equations (`torquebench.mechanics`). The
+other parts are no polynomials: the step at torque reversal, the spline's engagement and local
+bumps.
 """
 
 import math
@@ -67,7 +68,7 @@ class ChainConstants(NamedTuple):
 
 
 def without_chain(chain: ChainConstants) -> ChainConstants:
-    """Return the constants without a chain between transducer and flange: a transducer alone."""
+    """Return the constants of a transducer by itself, without a chain up to the flange."""
     return chain._replace(
         constant_nm=(0.0, 0.0),
         linear=(0.0, 0.0),
@@ -83,7 +84,7 @@ def without_chain(chain: ChainConstants) -> ChainConstants:
 
 @inner
 def additional_torque(chain: ChainConstants, torque_nm: float, angle_rad: float) -> float:
-    """T′ at the transducer's torque, without rotation; true torque = torque + T′."""
+    """Return T′ at the transducer's torque, without rotation; true torque = torque + T′."""
     direction = 0 if torque_nm >= 0.0 else 1
     relative = torque_nm / chain.range_nm
     magnitude = abs(relative)
@@ -93,7 +94,7 @@ def additional_torque(chain: ChainConstants, torque_nm: float, angle_rad: float)
     sign = 1.0 - 2.0 * direction
     phase = chain.ripple_phase_rad[direction]
     wave = math.sin(TURN * magnitude / chain.ripple_period[direction] + phase)
-    engaged = magnitude / (magnitude + 0.03)  # without load the spline floats
+    engaged = magnitude / (magnitude + 0.03)  # without load the spline has no engagement
     result += sign * engaged * chain.ripple_nm[direction] * wave
     for k in range(4):
         distance = (relative - chain.bump_centre[k]) / chain.bump_width[k]
@@ -107,7 +108,7 @@ def additional_torque(chain: ChainConstants, torque_nm: float, angle_rad: float)
 def rotation_torque(
     chain: ChainConstants, speed_rad_s: float, angle_rad: float, thickness: float = 1.0
 ) -> float:
-    """Torque that rotation adds to the true torque: misalignment ripple minus bearing drag.
+    """Return the torque that rotation adds: misalignment ripple minus bearing drag.
 
     The viscous part of the drag grows with the thickness of the lubricant.
     """
@@ -123,9 +124,10 @@ def rotation_torque(
 
 @inner
 def transducer_torque(chain: ChainConstants, true_torque_nm: float, angle_rad: float) -> float:
-    """Torque at the transducer that gives the true torque: inverse of torque + T′.
+    """Return the torque at the transducer for a true torque: the inverse of torque + T′.
 
-    Fixed-point iteration; T′ has a slope of at most some 0.2, so 30 rounds reach rounding.
+    It is found by fixed-point iteration; T′ has a slope of at most about 0.2, so that 30 iterations
+    reach rounding accuracy.
     """
     torque = true_torque_nm
     for _ in range(30):
@@ -138,7 +140,7 @@ def transducer_torque(chain: ChainConstants, true_torque_nm: float, angle_rad: f
 
 @kernel
 def steepest_slope(chain: ChainConstants) -> float:
-    """Largest slope of T′ in amount, over ±120 % of the range; below 1 the chain is invertible."""
+    """Return the largest |slope| of T′ over ±120 % of the range; below 1, T′ can be inverted."""
     points = 4800
     step = 2.4 * chain.range_nm / points
     before = additional_torque(chain, -1.2 * chain.range_nm, 0.0)

@@ -1,4 +1,4 @@
-"""Pulse trains: edges on the counters' clock by integrating the phase of a frequency."""
+"""Pulse trains: edges on the counters' clock, from the integrated phase of a frequency."""
 
 import math
 from typing import NamedTuple
@@ -20,7 +20,7 @@ class CounterConstants(NamedTuple):
     Attributes
     ----------
     timebase_error : float
-        Relative error of the clock: it makes (1 + error) times its nominal ticks in a second.
+        Relative error of the clock, which has (1 + error) times its nominal ticks in a second.
     jitter_s : float
         Standard deviation of one edge's time.
     """
@@ -31,7 +31,7 @@ class CounterConstants(NamedTuple):
 
 @inner
 def lagged(before: float, start: float, end: float, lag_s: float, step_s: float) -> float:
-    """First-order lag driven by a ramp from start to end over one step, exactly."""
+    """Return the exact response of a first-order lag to a ramp from start to end over one step."""
     trail = (end - start) * lag_s / step_s
     return end - trail + (before - start + trail) * math.exp(-step_s / lag_s)
 
@@ -47,7 +47,7 @@ def edges_of_steps(
     generator: np.random.Generator,
     ticks: TickArray,
 ) -> tuple[int, float]:
-    """Rising edges of a frequency that is linear between the steps' borders.
+    """Find the rising edges of a frequency that is linear between the steps' borders.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def edges_of_steps(
 
 
 class EdgeSource:
-    """Edges of one channel across blocks: phase, jitter, and edges that are still to be delivered.
+    """Source of one channel's edges across blocks: phase, jitter, and undelivered edges.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class EdgeSource:
     counter : CounterConstants
         Error and jitter of the clock.
     delay_s : float
-        The edges show the frequency this much later.
+        Delay of the edges against the frequency.
     """
 
     def __init__(
@@ -125,11 +125,11 @@ class EdgeSource:
         self._delay_ticks = delay_s * timebase_hz
         self._phase = 0.0
         self._room: TickArray = np.empty(0, dtype=np.int64)
-        self._waiting = 0  # edges at the beginning of the room that are still to be delivered
+        self._waiting = 0  # undelivered edges at the beginning of the buffer
         self._delivered = 0
 
     def run(self, first_step: int, frequency_hz: FloatArray) -> None:
-        """Make the edges of the steps between the given border frequencies."""
+        """Generate the edges of the steps between the given border frequencies."""
         cycles = np.maximum(frequency_hz, 1.0) * self._scale
         most = self._waiting + int(np.add.reduce(cycles) * self._step_ticks) + 8
         if most > self._room.size:
@@ -149,7 +149,7 @@ class EdgeSource:
         self._waiting += count
 
     def take(self, stop_tick: int) -> tuple[TickArray, int]:
-        """Hand out the edges before a tick, and the running number of the first of them."""
+        """Return the edges before a tick, and the running number of the first of them."""
         split = int(self._room[: self._waiting].searchsorted(stop_tick))
         taken = self._room[:split].copy()
         self._waiting -= split
@@ -159,11 +159,11 @@ class EdgeSource:
         return taken, number
 
     def forget(self) -> None:
-        """Drop the edges that wait: the channel was idle, and their time has passed."""
+        """Drop undelivered edges: the channel was unused, and their time has passed."""
         self._waiting = 0
 
     def begin(self, frequency_hz: float) -> None:
-        """Start as if the channel had always run, so that no gap opens the first block."""
+        """Start as if the channel had always run, so that the first block has no gap."""
         self.run(-1, np.array([frequency_hz, frequency_hz]))
         self.take(0)
         self._delivered = 0

@@ -25,13 +25,13 @@ CONTROL_OFF = 0
 CONTROL_TORQUE = 1
 CONTROL_SPEED = 2
 
-# Places in the drive's state array.
-DEMAND = 0  # torque demand behind the slew limit
-CURRENT_TORQUE = 1  # torque behind the current loop's lag
-SPEED_REFERENCE = 2  # speed behind the acceleration limit
+# Indices of the drive's state array.
+DEMAND = 0  # torque demand after the slew limit
+CURRENT_TORQUE = 1  # torque after the current loop's lag
+SPEED_REFERENCE = 2  # speed after the acceleration limit
 INTEGRAL = 3  # integral part of the speed controller
 COGGING_MEAN = 4  # the torque loop's correction of the cogging
-WANDER = 5  # slow wander of the torque, units of its standard deviation
+WANDER = 5  # slow drift of the torque, in its standard deviations
 DRIVE_STATES = 6
 
 
@@ -47,13 +47,13 @@ class DriveConstants(NamedTuple):
     gain_error, offset_nm, curvature_nm, command_spread_nm : float
         Loading accuracy: systematic parts, and the standard deviation of one command.
     wander_nm, wander_time_s : float
-        Slow wander of the torque during a hold.
+        Slow drift of the torque while a command is held: standard deviation and correlation time.
     cogging_nm, cogging_per_turn, cogging_phase_rad : float
         Cogging by the motor's angle.
     ripple_nm, ripple_hz, ripple_phase_rad : float
         Ripple of the power stage.
     drag_nm, drag_viscous_nm_s : float
-        Bearing drag of the motor; the torque control makes up for it.
+        Bearing drag of the motor, which the torque control compensates.
     motor_inertia_kgm2, flange_inertia_kgm2 : float
         Inertia before and after the transducer.
     stiffness_nm_rad, damping_nm_s : float
@@ -95,9 +95,9 @@ class DriveConstants(NamedTuple):
 class Loading:
     """Loading accuracy of a drive: deviation of the torque from the command.
 
-    The random part follows the commanded torque: the same command again gives the same torque, a
-    command some per cent of the range away draws again. So a ramp of many small commands stays a
-    ramp.
+    The random part depends on the commanded torque: a repeated command gives the same torque, and a
+    command that differs by some per cent of the range gets a new random part. A ramp of many small
+    commands therefore remains a ramp.
 
     Parameters
     ----------
@@ -114,9 +114,9 @@ class Loading:
         self._spread = 0.0
 
     def error(self, torque_nm: float) -> float:
-        """Deviation of the torque that a command gives, N·m.
+        """Return the deviation of the torque from its command, N·m.
 
-        Within 0.1 % of the range on a sound bench; none at zero.
+        It is within 0.1 % of the range on a healthy bench, and 0 at zero.
         """
         drive = self._drive
         change = abs(torque_nm - self._commanded_nm) / drive.range_nm
@@ -145,14 +145,14 @@ def drive_torque(
     step_s: float,
     normal: float,
 ) -> float:
-    """Torque on the motor's shaft over the next step, N·m.
+    """Return the torque on the motor's shaft over the next step, N·m.
 
     Parameters
     ----------
     drive : DriveConstants
         The drive.
     state : float64[DRIVE_STATES]
-        Its memory, changed in place.
+        State of the drive, changed in place.
     control : int
         CONTROL_OFF, CONTROL_TORQUE or CONTROL_SPEED.
     target : float
@@ -162,7 +162,7 @@ def drive_torque(
     motor_angle_rad, motor_speed_rad_s, time_s, step_s : float
         Present state of the motor, and the step.
     normal : float
-        Standard normal number for the wander.
+        Standard normal number for the slow drift.
     """
     drag = drive.drag_nm * math.tanh(motor_speed_rad_s / 0.05)
     drag += drive.drag_viscous_nm_s * motor_speed_rad_s

@@ -34,14 +34,14 @@ _DEFAULT_AMOUNT: dict[FaultKind, float] = {
 
 @dataclass
 class Fault:
-    """One fault over a half-open interval of ticks."""
+    """A fault during a half-open interval of ticks."""
 
     channel: Channel | Side
     kind: FaultKind
     start_tick: int
     stop_tick: int
     amount: float
-    held_hz: float | None = field(default=None)  # the value held by "frozen", once it has begun
+    held_hz: float | None = field(default=None)  # the value that "frozen" keeps, once it has begun
 
 
 def make_fault(
@@ -51,7 +51,7 @@ def make_fault(
     stop_tick: int,
     amount: float | None,
 ) -> Fault:
-    """Check and build a fault; ``amount`` None takes the kind's default."""
+    """Check and return a fault; with ``amount`` None it has the kind's default."""
     if kind not in FAULT_KINDS:
         raise InputError(
             Message("fault {kind!r}", kind), Message("one of {list}", ", ".join(FAULT_KINDS))
@@ -75,7 +75,7 @@ def make_fault(
 def broken_frequency(
     faults: Iterable[Fault], frequency_hz: FloatArray, ticks: TickArray, zero_hz: float
 ) -> FloatArray:
-    """Frequencies at the steps' borders with the faults of the frequency in them."""
+    """Return the frequencies at the steps' borders with the frequency faults applied."""
     result = frequency_hz
     for fault in faults:
         if fault.kind not in ("frozen", "outlier", "wrong_span", "out_of_modulation"):
@@ -100,7 +100,7 @@ def broken_frequency(
 def broken_edges(
     faults: Iterable[Fault], ticks: TickArray, first_number: int, timebase_hz: float
 ) -> TickArray:
-    """Pulse train with lost, doubled or silenced edges; numbers count from the train's start."""
+    """Return a pulse train with lost, doubled or silenced edges; edges count from its start."""
     numbers = first_number + np.arange(ticks.size)
     for fault in faults:
         if fault.kind not in ("silent", "missing_pulses", "doubled_pulses"):
@@ -119,7 +119,7 @@ def broken_edges(
 
 
 def broken_counts(faults: Iterable[Fault], counts: TickArray, ticks: TickArray) -> TickArray:
-    """Subtract the slip from the encoder counts."""
+    """Return the encoder counts with the slip subtracted."""
     for fault in faults:
         if fault.kind == "encoder_slip":
             counts = np.where(ticks >= fault.start_tick, counts - int(fault.amount), counts)

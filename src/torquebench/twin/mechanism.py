@@ -31,7 +31,7 @@ FLANGE_LOOSE = 0
 FLANGE_HELD = 1
 FLANGE_COUPLED = 2
 
-# Places in a side's row of the shaft state array.
+# Indices of a side's row in the shaft state array.
 MOTOR_ANGLE = 0
 MOTOR_SPEED = 1
 FLANGE_ANGLE = 2
@@ -72,10 +72,10 @@ def _turn_uncoupled_flange(
     held_speed_rad_s: float,
     step_s: float,
 ) -> float:
-    """Torque balance of a flange held or turned by the calibrator, or loose; returns dω/dt.
+    """Return dω/dt of a flange that is fixed, turned by the calibrator, or loose.
 
-    A loose flange driven by its motor has only bearing drag, the same as with something mounted:
-    that drag is in `torque_nm`. Without the drive it coasts against the motor's friction.
+    A loose flange that its motor drives has only bearing drag, as with a mounted part; this drag is
+    in `torque_nm`. Without the drive it coasts against the motor's friction.
     """
     if flange == FLANGE_HELD:
         wanted = drive.bandwidth_rad_s * (held_speed_rad_s - row[FLANGE_SPEED])
@@ -107,24 +107,24 @@ def move(
     step_s: float,
     substeps: int,
 ) -> None:
-    """Move everything by one step, in substeps of symplectic Euler.
+    """Advance the motion by one step, in substeps of symplectic Euler.
 
     Parameters
     ----------
     drives, reducer : DriveConstants, ReducerConstants
         Constants.
     shafts : float64[2, SHAFT_STATES], reducer_state : float64[REDUCER_STATES]
-        State, changed in place. The torques in it belong to the step's end.
+        State, changed in place. Its torques belong to the end of the step.
     conversion : int64[2]
         CONVERSION_FREE, _DRIVEN or _LOCKED of both sides.
     flange : int
         FLANGE_LOOSE, _HELD or _COUPLED.
     motor_nm, added_nm, held_speed_rad_s : float64[2]
-        Motor torque, additional torque of the chain, and speed at which the flange is held.
+        Motor torque, additional torque of the chain, and speed that a fixed flange is given.
     temperature_c : float
         Of the reducer.
     step_s, substeps : float, int
-        The step and its division.
+        Duration of the step, and number of substeps.
     """
     short = step_s / substeps
     torque = np.zeros(2)

@@ -79,7 +79,7 @@ class TwinParameters:
     Attributes
     ----------
     preset : {"nominal", "worn"}
-        A healthy bench, or one with larger everything.
+        A healthy bench, or one on which all errors are larger.
     seed : int
         Preset and seed of the constants.
     input, output : SideParameters
@@ -125,10 +125,10 @@ class TwinParameters:
         Parameters
         ----------
         preset : {"nominal", "worn"}
-            "nominal": repeatability 0.01-0.02 % of the range, raw error 0.3-1 %. "worn": larger
-            everything.
+            "nominal": repeatability 0.01-0.02 % of the range, raw error 0.3-1 %. "worn": all errors
+            are larger.
         seed : int
-            Same seed, same constants.
+            Seed of the constants.
         reducer : {"standard", "rv-40e", "harmonic-20"}
             The reducer under test.
         carrier_hz : float
@@ -175,7 +175,7 @@ class TwinParameters:
         )
 
     def with_reducer(self, reducer: ReducerConstants) -> "TwinParameters":
-        """Return the same bench with another reducer to test."""
+        """Return the same bench with another reducer to be tested."""
         return replace(self, reducer=reducer)
 
 
@@ -186,7 +186,7 @@ def _draw_side(
     side: Side,
     carrier_hz: float,
 ) -> SideParameters:
-    """Draw a side; a chain that can't be inverted (a step too steep) is drawn again."""
+    """Draw a side; a chain that can't be inverted (its step is too steep) is drawn again."""
     design, wear = DESIGNS[side], WEAR[preset]
     while True:
         geometry = presets.draw_geometry(generator, design, wear)

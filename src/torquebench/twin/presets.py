@@ -1,4 +1,4 @@
-"""Drawing every constant of the bench around its design."""
+"""Draws of every constant of the bench around its design."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -81,13 +81,14 @@ DESIGNS: dict[Side, SideDesign] = {
     ),
 }
 
-# Lag of the bandwidth (3 and 6 kHz) and the rest of the group delay (220 and 150 µs), by carrier.
+# Time constants of the bandwidth's lag (3 and 6 kHz) and the rest of the group delay (220 and 150
+# µs), by carrier.
 BANDWIDTH: dict[float, tuple[float, float]] = {
     60e3: (1.0 / (TURN * 3e3), 220e-6 - 1.0 / (TURN * 3e3)),
     240e3: (1.0 / (TURN * 6e3), 150e-6 - 1.0 / (TURN * 6e3)),
 }
 
-# Factors of a worn bench's quantities over a nominal one's.
+# Factors of a worn bench's quantities relative to those of a nominal one.
 WEAR: dict[Preset, float] = {"nominal": 1.0, "worn": 1.7}
 
 
@@ -146,7 +147,7 @@ def draw_chain(
     widths = [generator.uniform(0.04, 0.08) for _ in range(4)]
     misalignment = geometry[0].angular_misalignment_rad / design.chain.angular_misalignment_rad
     at_full_speed = 1.0e-3 * misalignment * scale / design.largest_speed_rad_s**2
-    # speeds of 15 rpm cause no vibration
+    # speeds up to 15 rpm cause no vibration
     slowly = 1.0 if design.largest_speed_rad_s > 10.0 else 0.02
     first, second, third = (
         at_full_speed * slowly * generator.uniform(0.7, 1.3) * share for share in (1.0, 0.6, 0.2)

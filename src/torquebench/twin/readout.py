@@ -34,7 +34,7 @@ __all__ = ["encoder_samples", "nameplate", "new_sources", "side_of", "static_swe
 
 
 def side_of(channel: str) -> Side:
-    """Side to which a channel belongs."""
+    """Return the side to which a channel belongs."""
     if channel not in CHANNELS:
         raise InputError(
             Message("channel {channel!r}", channel), Message("one of {list}", ", ".join(CHANNELS))
@@ -43,7 +43,7 @@ def side_of(channel: str) -> Side:
 
 
 def nameplate(parameters: TwinParameters, channel: Channel) -> Nameplate:
-    """Nominal data of a transducer: zero at the carrier, half of it as span, 75 % to be valid."""
+    """Return a transducer's nominal data: zero at the carrier, span half of it, 75 % valid."""
     side = parameters.input if side_of(channel) == "input" else parameters.output
     nominal, carrier = side.transducer.nominal_torque_nm, parameters.carrier_hz
     return Nameplate(nominal, carrier, 0.5 * carrier / nominal, (0.25 * carrier, 1.75 * carrier))
@@ -55,7 +55,7 @@ def new_sources(
     timebase_hz: float,
     step_ticks: int,
 ) -> dict[Channel, EdgeSource]:
-    """Pulse trains of all channels, each with its own jitter generator."""
+    """Return pulse trains of all channels, each with its own generator of jitter."""
     sources = {}
     for channel, generator in zip(CHANNELS, generators, strict=True):
         side = parameters.input if side_of(channel) == "input" else parameters.output
@@ -75,7 +75,7 @@ def encoder_samples(
     timebase_hz: float,
     faults: Sequence[Fault],
 ) -> AngleSamples:
-    """Turn angles into counts, with graduation error and faults."""
+    """Convert angles to counts, with graduation error and faults."""
     shown = angle_rad + _graduation_error(encoder, angle_rad)
     counts = np.floor(shown * encoder.counts_per_revolution / TURN).astype(np.int64)
     return AngleSamples(
@@ -88,9 +88,9 @@ def encoder_samples(
 def encoder_certificate(
     encoder: EncoderConstants, generator: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Calibrate an encoder each 5°: indicated angle, error and its expanded uncertainty, rad.
+    """Calibrate an encoder every 5°: indicated angle, error and its expanded uncertainty, rad.
 
-    The expanded uncertainty is a fifth of the largest graduation error of its kind.
+    The expanded uncertainty is a fifth of the largest graduation error by the data sheet.
     """
     angle = np.linspace(0.0, TURN, 72, endpoint=False, dtype=np.float64)
     error = _graduation_error(encoder, angle)
@@ -119,7 +119,7 @@ def static_sweep(
     angle_rad: float,
     preload: bool,
 ) -> StaticSweep:
-    """Noise-free readings along a path, see `BenchTwin.static_sweep`."""
+    """Return noise-free readings along a path, see `BenchTwin.static_sweep`."""
     path = np.ascontiguousarray(path_nm, dtype=np.float64)
     if path.ndim != 1 or path.size == 0 or not np.isfinite(path).all():
         raise InputError(

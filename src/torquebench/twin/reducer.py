@@ -21,17 +21,17 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 
-# Places in the reducer's state array.
-BRISTLE = 0  # deflection of the friction's bristles, rad at the input
+# Indices of the reducer's state array.
+BRISTLE = 0  # deflection of the friction bristles, rad at the input
 STOPS = 1  # two stop operators of the spring's hysteresis, rad at the output
-TWIST = 3  # twist of the step before, rad at the output
+TWIST = 3  # twist in the previous step, rad at the output
 GEAR_OFFSET = 4  # angle between both sides when mounted, rad at the output
 LOSS_J = 5  # friction loss since the last reading, J
 REDUCER_STATES = 6
 
 
 class ReducerConstants(NamedTuple):
-    """Constants of one reducer; the output turns the way the input turns.
+    """Constants of one reducer, whose output turns in the input's direction.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class ReducerConstants(NamedTuple):
 
 @kernel
 def transmission_error(reducer: ReducerConstants, output_angle_rad: float) -> tuple[float, float]:
-    """Transmission error θ_o − θ_i/R at no load in rad, and its slope by the output's angle."""
+    """Return the transmission error θ_o − θ_i/R without load, rad, and its slope over θ_o."""
     error, slope = 0.0, 0.0
     for k in range(6):
         order = reducer.error_order[k]
@@ -104,7 +104,7 @@ def transmission_error(reducer: ReducerConstants, output_angle_rad: float) -> tu
 
 @inner
 def spring_torque(reducer: ReducerConstants, twist_rad: float) -> float:
-    """Elastic torque at the output by the twist: backlash, then three regions of stiffness."""
+    """Return the elastic torque at the output: backlash, then three stiffness regions."""
     deflection = abs(twist_rad) - 0.5 * reducer.backlash_rad
     if deflection <= 0.0:
         return 0.0
@@ -123,7 +123,7 @@ def spring_torque(reducer: ReducerConstants, twist_rad: float) -> float:
 def reducer_torque(
     reducer: ReducerConstants, state: FloatArray, twist_rad: float, twist_speed_rad_s: float
 ) -> float:
-    """Torque that the reducer puts on its output flange: spring, hysteresis, damping."""
+    """Return the reducer's torque on its output flange: spring, hysteresis, damping."""
     torque = spring_torque(reducer, twist_rad)
     change = twist_rad - state[TWIST]
     state[TWIST] = twist_rad
@@ -138,7 +138,7 @@ def reducer_torque(
 
 @kernel
 def temperature_factors(reducer: ReducerConstants, temperature_c: float) -> tuple[float, float]:
-    """Factors of Coulomb and of viscous friction at a temperature; 1 at 23 °C."""
+    """Return the factors of Coulomb and of viscous friction at a temperature; 1 at 23 °C."""
     warmth = temperature_c - 23.0
     coulomb = max(0.3, 1.0 - reducer.coulomb_per_k * warmth)
     return coulomb, math.exp(-reducer.viscous_per_k * warmth)
@@ -151,7 +151,7 @@ def friction_level(
     transmitted_nm: float,
     coulomb_factor: float,
 ) -> float:
-    """Sliding friction without viscosity at the input: Stribeck curve plus share of the load."""
+    """Return the sliding friction at the input: Stribeck curve plus share of the load."""
     ratio = speed_rad_s / reducer.stribeck_rad_s
     rise = (reducer.static_nm - reducer.coulomb_nm) * math.exp(-ratio * ratio)
     load = reducer.load_share * abs(transmitted_nm) / reducer.ratio
@@ -168,10 +168,10 @@ def reducer_friction(
     viscous_factor: float,
     step_s: float,
 ) -> float:
-    """Friction torque at the input by the LuGre bristle model, so that it sticks at standstill.
+    """Return the friction torque at the input by the LuGre model, which sticks at standstill.
 
-    The bristle is stepped implicitly, which is stable at any speed (Canudas de Wit et al., A new
-    model for control of systems with friction, IEEE TAC 40 (1995) 419-425).
+    The bristle's deflection is integrated implicitly, which is stable at any speed (Canudas de Wit
+    et al., A new model for control of systems with friction, IEEE TAC 40 (1995) 419-425).
     """
     level = friction_level(reducer, speed_rad_s, transmitted_nm, coulomb_factor)
     stiffness = reducer.static_nm / reducer.bristle_rad

@@ -25,10 +25,10 @@ FloatArray = NDArray[np.float64]
 def true_loop(
     reducer: ReducerConstants, torque_nm: float, points: int = 2001
 ) -> tuple[FloatArray, FloatArray]:
-    """Quasi-static torque-angle loop −T → +T → −T of a preloaded reducer, input locked.
+    """Return the quasi-static torque-angle loop −T → +T → −T of a preloaded reducer, input locked.
 
-    Under a torque that ripples, as that of the twin's drives does, the same operators draw a
-    narrower loop on the average: the stops are taken back a little in every period.
+    With a ripple of the torque, as from the twin's drives, the same operators give a narrower loop
+    on average, because every period of the ripple moves the stops back a little.
 
     Parameters
     ----------
@@ -41,8 +41,8 @@ def true_loop(
     Returns
     -------
     torque_nm, angle_rad : float64[2·points]
-        Torque that the module applies to the output, and the angle that it turns by; the
-        rising branch first.
+        Torque that the module applies to the output, and the output's angle; the rising branch
+        first.
     """
     if not torque_nm > 0.0 or points < 3:
         raise InputError(
@@ -69,17 +69,18 @@ def true_loop_values(
     lost_motion_share: float,
     stiffness_interval: tuple[float, float],
 ) -> dict[str, float]:
-    """Return what the quasi-static loop to ±T shows, by the definitions, without any fit.
+    """Return the values of the quasi-static loop to ±T by their definitions, without a fit.
 
     Parameters
     ----------
     reducer : ReducerConstants
     torque_nm : float
-        T, N·m, of which the other two are shares.
+        T, N·m.
     lost_motion_share : float
         Share of the rated torque at which lost motion is evaluated.
     stiffness_interval : pair of float
-        In which the stiffness ΔT/Δθ of the loading branch is taken by least squares.
+        Interval, as shares of T, over which the stiffness ΔT/Δθ of the loading branch is fitted by
+        least squares.
 
     Returns
     -------
@@ -107,9 +108,9 @@ def true_loop_values(
 def _branch(
     reducer: ReducerConstants, state: FloatArray, target_nm: float, step_rad: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Twist in small steps until a torque is reached; torque and twist along the way.
+    """Twist in small steps until a torque is reached; return torque and twist along the way.
 
-    Within the backlash the torque still grows with the twist, due to the hysteresis.
+    Within the backlash the torque also grows with the twist, because of the hysteresis.
     """
     twist = float(state[red.TWIST])
     torque = [float(red.reducer_torque(reducer, state, twist, 0.0))]
@@ -129,7 +130,7 @@ def _output_drag(reducer: ReducerConstants, output_rad_s: FloatArray, viscous: f
 def _input_torque(
     reducer: ReducerConstants, speed_rpm: ArrayLike, load_nm: ArrayLike, temperature_c: float
 ) -> FloatArray:
-    """Torque at the input that turns it at a speed against a load at the output, N·m."""
+    """Return the input torque that turns the reducer at a speed against an output load, N·m."""
     speed, load = np.broadcast_arrays(np.asarray(speed_rpm, float) * RAD_S_PER_RPM, load_nm)
     coulomb, viscous = red.temperature_factors(reducer, temperature_c)
     gear = _output_drag(reducer, np.abs(speed) / reducer.ratio, viscous) + load
@@ -144,14 +145,14 @@ def _input_torque(
 def true_no_load_nm(
     reducer: ReducerConstants, speed_rpm: ArrayLike, temperature_c: float
 ) -> FloatArray:
-    """Torque at the input that keeps it turning at a speed, output free, N·m; above 0."""
+    """Return the torque that keeps the input turning at a speed, output free, N·m; above 0."""
     return _input_torque(reducer, speed_rpm, 0.0, temperature_c)
 
 
 def true_efficiency(
     reducer: ReducerConstants, speed_rpm: ArrayLike, output_nm: ArrayLike, temperature_c: float
 ) -> FloatArray:
-    """Efficiency in driving direction at input speeds and output torques, as a share."""
+    """Return the efficiency in driving direction at input speeds and output torques, as a share."""
     load = np.abs(np.asarray(output_nm, dtype=np.float64))
     return np.asarray(
         load / (reducer.ratio * _input_torque(reducer, speed_rpm, load, temperature_c))
@@ -159,18 +160,18 @@ def true_efficiency(
 
 
 def true_starting_nm(reducer: ReducerConstants, temperature_c: float) -> float:
-    """Torque at the input at which it begins to turn, output free, N·m.
+    """Return the input torque at which the input begins to turn, output free, N·m.
 
-    The drag at the output is proportional to its speed, so it is zero at standstill.
+    The drag at the output is proportional to its speed, and so zero at standstill.
     """
     coulomb, _ = red.temperature_factors(reducer, temperature_c)
     return float(red.friction_level(reducer, 0.0, 0.0, coulomb))
 
 
 def true_back_driving_nm(reducer: ReducerConstants, temperature_c: float) -> float:
-    """Torque at the output at which it begins to turn, input free, N·m.
+    """Return the output torque at which the output begins to turn, input free, N·m.
 
-    The friction at the input grows with the torque that reaches it: T/R = f₀ + s·T/R.
+    The friction at the input grows with the torque there: T/R = f₀ + s·T/R.
     """
     coulomb, _ = red.temperature_factors(reducer, temperature_c)
     at_input = coulomb * reducer.static_nm
@@ -178,7 +179,7 @@ def true_back_driving_nm(reducer: ReducerConstants, temperature_c: float) -> flo
 
 
 def true_transmission_error(reducer: ReducerConstants, output_angle_rad: ArrayLike) -> FloatArray:
-    """Transmission error θ_o − θ_i/R at output angles, rad, mean not removed."""
+    """Return the transmission error θ_o − θ_i/R at output angles, rad, with its mean."""
     angle = np.asarray(output_angle_rad, dtype=np.float64)
     return np.asarray(
         sum(

@@ -15,7 +15,7 @@ ReducerName = Literal["standard", "rv-40e", "harmonic-20"]
 
 
 class _Design(NamedTuple):
-    """Mean values; friction at the input, the rest at the output."""
+    """Mean values of a reducer; friction is that at the input, all others are at the output."""
 
     ratio: float
     rated_torque_nm: float

@@ -1,7 +1,7 @@
-"""The twin's two paths through the same operators: 1 ms steps in time, and static sweeps.
+"""The twin's simulations with the same operators: 1 ms steps in time, and static sweeps.
 
-Numba's cache of a kernel checks the kernel's own file only: after a change in a file that these
-kernels call, delete ``__pycache__/*.nb*`` here, or old code runs.
+Numba's cache of a kernel checks only the kernel's own file: after a change in a file that these
+kernels call, delete ``__pycache__/*.nb*`` in this folder, otherwise old code runs.
 """
 
 import math
@@ -33,7 +33,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 STEP_S = 1e-3
-SUBSTEPS = 20  # 50 µs: a tenth of a radian of the stiffest mode, some 600 Hz
+SUBSTEPS = 20  # 50 µs: a tenth of a radian of the stiffest mode, about 600 Hz
 _DRAWS = 16
 
 
@@ -49,21 +49,21 @@ class Constants(NamedTuple):
 
 
 class State(NamedTuple):
-    """Everything that the kernels change: rows for input and output."""
+    """All values that the kernels change; rows for input and output."""
 
     shafts: FloatArray  # [2, SHAFT_STATES]
     drives: FloatArray  # [2, DRIVE_STATES]
     transducers: FloatArray  # [2, TRANSDUCER_STATES]
     reducer: FloatArray  # [REDUCER_STATES]
     temperature_c: FloatArray  # [5]
-    shaft_c: FloatArray  # [2] behind the transducers' gradient
+    shaft_c: FloatArray  # [2] shaft temperatures that cause the transducers' gradient
     lubrication: FloatArray  # [2, LUBRICATION_STATES]
-    raw_hz: FloatArray  # [4] frequency before the bandwidth's lag
-    lagged_hz: FloatArray  # [4] and behind it
+    raw_hz: FloatArray  # [4] frequency before the lag of the bandwidth
+    lagged_hz: FloatArray  # [4] frequency after this lag
 
 
 class Orders(NamedTuple):
-    """What the commands have set: rows for input and output."""
+    """The commanded state; rows for input and output."""
 
     conversion: IntArray  # [2]
     control: IntArray  # [2]
@@ -75,7 +75,7 @@ class Orders(NamedTuple):
 
 
 class Recording(NamedTuple):
-    """What a run of the kernel writes, on the 1 ms grid."""
+    """Output of a run of the kernel, on the 1 ms grid."""
 
     frequency_hz: FloatArray  # [4, steps + 1]
     torque_nm: FloatArray  # [2, steps]
@@ -85,7 +85,7 @@ class Recording(NamedTuple):
 
 
 def fresh_state(temperature_c: float) -> State:
-    """State of a bench that was never loaded."""
+    """Return the state of a bench that was never loaded."""
     return State(
         np.zeros((2, mechanism.SHAFT_STATES)),
         np.zeros((2, drv.DRIVE_STATES)),
@@ -100,7 +100,7 @@ def fresh_state(temperature_c: float) -> State:
 
 
 def record(steps: int) -> Recording:
-    """Room for a run."""
+    """Return empty arrays for the recording of a run."""
     return Recording(
         np.empty((4, steps + 1)),
         np.empty((2, steps)),
@@ -112,7 +112,7 @@ def record(steps: int) -> Recording:
 
 @inner
 def _added_torque(constants: Constants, state: State, orders: Orders, side: int) -> float:
-    """Additional torque of a side's chain at its present torque, angle and speed."""
+    """Return the additional torque of a side's chain at its present torque, angle and speed."""
     if orders.conversion[side] == mechanism.CONVERSION_FREE:
         return 0.0
     row = state.shafts[side]
@@ -129,7 +129,7 @@ def _added_torque(constants: Constants, state: State, orders: Orders, side: int)
 def _motor_torque(
     constants: Constants, state: State, orders: Orders, side: int, time_s: float, normal: float
 ) -> float:
-    """Torque of a side's motor; a drive that isn't coupled to its shaft is off."""
+    """Return the torque of a side's motor; a drive that isn't coupled to its shaft is off."""
     control = orders.control[side]
     if orders.conversion[side] != mechanism.CONVERSION_DRIVEN:
         control = drv.CONTROL_OFF
@@ -178,7 +178,7 @@ def _signals(
     mounted: bool,
     normal: FloatArray,
 ) -> None:
-    """Frequencies of all four channels at the present state."""
+    """Return the frequencies of all four channels in the present state."""
     for side in range(2):
         row = state.shafts[side]
         constant = constants.transducers[side]
@@ -228,7 +228,7 @@ def _signals(
 def obey(
     constants: Constants, state: State, orders: Orders, side: int, torque_nm: float, speed: float
 ) -> None:
-    """Take a command: a torque at the flange, or a speed in rad/s; the other one is NaN."""
+    """Execute a command: a torque at the flange, or a speed in rad/s; the other value is NaN."""
     if not math.isnan(torque_nm):
         angle = state.shafts[side, mechanism.FLANGE_ANGLE]
         orders.control[side] = drv.CONTROL_TORQUE
@@ -258,12 +258,13 @@ def simulate(
     recording: Recording,
     offset: int,
 ) -> None:
-    """Run the bench for some steps; changes the state and fills the recording from a place on.
+    """Run the bench for some steps; changes the state, and fills the recording from `offset` on.
 
     Parameters
     ----------
     told_at : int64[n, 2], told : float64[n, 2]
-        Commands in order, see `obey`: step before which it is given and side; torque and speed.
+        Commands in order, see `obey`: step before which a command is given, and its side; torque
+        and speed.
     """
     commands = 0
     motor, added, speed = np.zeros(2), np.zeros(2), np.zeros(2)
@@ -295,7 +296,7 @@ def simulate(
             STEP_S,
             SUBSTEPS,
         )
-        for side in range(2):  # the chain's part at the torque of the step's end
+        for side in range(2):  # the chain's additional torque at the end of the step
             change = _added_torque(constants, state, orders, side) - added[side]
             if orders.plant[0] != mechanism.FLANGE_LOOSE:
                 state.shafts[side, mechanism.INTERFACE_TORQUE] += change
@@ -335,7 +336,7 @@ def sweep(
     frequency_hz: FloatArray,
     reference_hz: FloatArray,
 ) -> None:
-    """Noise-free frequencies along a path of true torques; changes the transducer's state."""
+    """Write noise-free frequencies along a path of true torques; changes the transducer's state."""
     silent = np.zeros(transducer.NOISES)
     for k in range(path_nm.size):
         torque = chain.transducer_torque(chain_constants, path_nm[k], angle_rad)

@@ -18,9 +18,10 @@ AMBIENT, INPUT_TRANSDUCER, OUTPUT_TRANSDUCER, REDUCER, CALIBRATOR = range(5)
 
 
 CLIMATE = 7
-"""Length of the hall's climate: mean, swing, its period, its start, drop, its spacing and length.
+"""Number of values of the hall's climate: mean, swing, its period, its start, drop, its interval
+and duration.
 
-°C, K, s, s, K, s, s: a slow swing as over a day, and drops as from an opened gate.
+In °C, K, s, s, K, s, s: a slow swing as over a day, and drops as when a gate is opened.
 """
 
 
@@ -36,11 +37,11 @@ class ThermalConstants(NamedTuple):
     transducer_time_s : pair of float
         Time constants with which the transducers follow.
     transducer_heating_k_s : pair of float
-        Warming per speed (K per rad/s) in the end.
+        Final warming per speed (K per rad/s).
     calibrator_time_s : float
         Time constant of the calibrator.
     heat_capacity_j_k, cooling_w_k : float
-        Of the reducer and its housing.
+        Heat capacity and cooling of the reducer with its housing.
     probe_error_k : tuple of 5 float
         Constant error of each probe, in the order of `PLACES`.
     """
@@ -58,7 +59,7 @@ class ThermalConstants(NamedTuple):
 
 @inner
 def hall_c(climate: FloatArray, time_s: float) -> float:
-    """Temperature that the hall tends to."""
+    """Return the temperature towards which the hall tends."""
     target = climate[0]
     since = time_s - climate[3]
     if climate[1] != 0.0:
@@ -78,7 +79,7 @@ def warm(
     step_s: float,
     normal: float,
 ) -> None:
-    """Move all temperatures by one step; ``temperature_c`` (in the order of PLACES) changes."""
+    """Advance all temperatures by one step; ``temperature_c`` (as PLACES) changes in place."""
     rate = step_s / thermal.ambient_time_s
     spread = thermal.ambient_spread_k * math.sqrt(2.0 * rate) * normal
     temperature_c[AMBIENT] += rate * (ambient_target_c - temperature_c[AMBIENT]) + spread

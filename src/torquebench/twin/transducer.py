@@ -1,7 +1,7 @@
 """The torque transducer: linearity, hysteresis with memory, creep, repeatability, drift, speed.
 
-One step function serves both the running twin (1 ms steps with noise) and the noise-free
-quasi-static sweep (no elapsed time, no noise).
+The running twin (1 ms steps with noise) and the noise-free quasi-static sweep (no elapsed time) use
+the same step function.
 """
 
 import math
@@ -26,22 +26,22 @@ FloatArray = NDArray[np.float64]
 
 REFERENCE_TEMPERATURE_C = 23.0
 
-# Places of the memory in the state array.
+# Indices of the state array.
 STOPS = 0  # three stop operators (complements of play operators), relative torque
 CREEP = 3  # two creep terms, relative torque
 SEATING = 5  # offset by the seating of the parts, units of the repeatability
-SEATING_TORQUE = 6  # torque behind a play operator that ignores ripple
+SEATING_TORQUE = 6  # torque after a play operator that ignores ripple
 LOADING_OFFSET = 7  # offset of the present loading, units of the repeatability
 LOADING_SPAN = 8  # change of span of the present loading, units of the repeatability
-LOADED = 9  # 1 after the torque has grown beyond 5 % of the range
-WANDER = 10  # slow wander, units of its standard deviation
-PREVIOUS = 11  # relative torque of the step before
+LOADED = 9  # 1 once the torque has exceeded 5 % of the range
+WANDER = 10  # slow drift, in its standard deviations
+PREVIOUS = 11  # relative torque of the previous step
 TRANSDUCER_STATES = 12
 
-NOISES = 5  # standard normal numbers that one step uses
+NOISES = 5  # standard normal numbers used in one step
 
-_SEATING_PLAY = 0.003  # ripple below this share of the range doesn't re-seat anything
-_SEATING_LENGTH = 0.006  # relative torque after which the seating is forgotten
+_SEATING_PLAY = 0.003  # ripple below this share of the range doesn't change the seating
+_SEATING_LENGTH = 0.006  # change of relative torque after which the seating is random again
 
 
 class TransducerConstants(NamedTuple):
@@ -64,7 +64,7 @@ class TransducerConstants(NamedTuple):
     stop_width : tuple of 3 float
         Half widths of the play operators, relative torque.
     stop_weight : tuple of 3 float
-        Their weights; the loop's half width is Σ weight·width.
+        Weights of the play operators; the loop's half width is Σ weight·width.
     creep, creep_time_s : tuple of 2 float
         Creep after infinite time per torque, and its time constants.
     zero_drift_per_k, span_drift_per_k : float
@@ -74,7 +74,7 @@ class TransducerConstants(NamedTuple):
     repeatability : float
         Standard deviation of a steady reading, relative.
     wander, wander_time_s : float
-        Slow wander of the zero: standard deviation and correlation time.
+        Slow drift of the zero: standard deviation and correlation time.
     white : float
         Standard deviation of the noise of one 1 ms value, relative.
     lag_s, delay_s : float
@@ -102,17 +102,17 @@ class TransducerConstants(NamedTuple):
 
 
 def fresh_transducer_state() -> FloatArray:
-    """Memory of a transducer that was never loaded."""
+    """Return the state of a transducer that was never loaded."""
     return np.zeros(TRANSDUCER_STATES)
 
 
 @inner
 def _update_stops(constants: TransducerConstants, state: FloatArray, relative: float) -> float:
-    """Move the stop operators to the new torque; returns the hysteresis, relative.
+    """Move the stop operators to the new torque, and return the hysteresis, relative.
 
-    A stop operator is the complement of a play operator: s = x − play(x), within ± width. The
-    weighted sum of stops lags
-    the reading behind the torque, closes its loops and forgets inner loops (wiping-out).
+    A stop operator is the complement of a play operator: s = x − play(x), within ± width. Their
+    weighted sum makes the reading lag behind the torque, closes loops, and has no memory of closed
+    inner loops (wiping-out).
     """
     change = relative - state[PREVIOUS]
     lag = 0.0
@@ -128,7 +128,7 @@ def _update_stops(constants: TransducerConstants, state: FloatArray, relative: f
 def _update_repeatability(
     constants: TransducerConstants, state: FloatArray, relative: float, normal: FloatArray
 ) -> float:
-    """Re-seat the parts as the torque changes, redraw at each loading; return the deviation."""
+    """Re-seat the parts as the torque changes, at random for each loading; return the deviation."""
     before = state[SEATING_TORQUE]
     after = min(relative + _SEATING_PLAY, max(relative - _SEATING_PLAY, before))
     state[SEATING_TORQUE] = after
@@ -142,7 +142,9 @@ def _update_repeatability(
         state[LOADING_OFFSET] = normal[1]
         state[LOADING_SPAN] = normal[2]
     magnitude = min(1.0, abs(relative))
-    pressed = 0.2 + 0.8 * min(1.0, magnitude / 0.02)  # hardly any load, hardly any seating error
+    pressed = 0.2 + 0.8 * min(
+        1.0, magnitude / 0.02
+    )  # with little load there is little seating error
     spread = 0.8 * pressed * state[SEATING] + 0.2 * state[LOADING_OFFSET]
     spread += 0.55 * magnitude * state[LOADING_SPAN]
     return float(constants.repeatability * spread)
@@ -158,18 +160,18 @@ def transducer_signal(
     elapsed_s: float,
     normal: FloatArray,
 ) -> float:
-    """One step: torque at the transducer to its signal in N·m of actual sensitivity.
+    """Return the transducer's signal after one step, in N·m of actual sensitivity.
 
     Parameters
     ----------
     constants : TransducerConstants
         The transducer.
     state : float64[TRANSDUCER_STATES]
-        Memory, changed in place.
+        State, changed in place.
     torque_nm, temperature_c, speed_rad_s : float
         Torque at the transducer, its temperature, the shaft's speed.
     elapsed_s : float
-        Time since the previous step; 0 keeps creep and wander unchanged.
+        Time since the previous step; 0 keeps creep and slow drift unchanged.
     normal : float64[NOISES]
         Standard normal numbers; zeros give the noise-free signal.
 
@@ -203,6 +205,6 @@ def transducer_signal(
 
 @inner
 def transducer_frequency(constants: TransducerConstants, signal_nm: float) -> float:
-    """Output frequency of the transducer in Hz."""
+    """Return the output frequency of the transducer in Hz."""
     direction = 0 if signal_nm >= 0.0 else 1
     return constants.zero_hz + constants.sensitivity_hz_per_nm[direction] * signal_nm

@@ -39,18 +39,18 @@ LUBRICANTS: dict[LubricantName, tuple[float, float]] = {
 """Viscosity at 23 °C as a share of the grease's, and Vogel's coefficient B, K."""
 
 SEASONED_H = 1000.0
-"""Hours after which a bearing is treated as run in."""
+"""Hours after which a bearing counts as run in."""
 
-# Places in a side's row of the lubrication array.
+# Indices of a side's row in the lubrication array.
 VISCOSITY = 0  # at 23 °C, share of the grease's
 VOGEL = 1  # K
-AMOUNT = 2  # 1: as specified
-HOURS = 3  # of turning since it was filled
+AMOUNT = 2  # amount of lubricant; 1: as specified
+HOURS = 3  # hours of turning since it was filled
 LUBRICATION_STATES = 4
 
 _REFERENCE_C = 23.0
 _VOGEL_C = 95.0
-_EXPONENT = 0.6  # of the viscosity in the torque of a bearing
+_EXPONENT = 0.6  # exponent of the viscosity in the torque of a bearing
 _RUNNING_IN = 0.4
 _RUNNING_IN_H = 8.0
 _AGEING_PER_H = 2e-5
@@ -70,7 +70,7 @@ class TurningConstants(NamedTuple):
     zero_square_s2, zero_odd_s : float
         Zero by the square of the speed, and by its direction.
     stribeck_nm, stribeck_rad_s : float
-        Drag that decreases with speed, and the speed at which most of it is gone.
+        Drag that decreases with speed, and the speed at which most of it has disappeared.
     power_nm, power_exponent, largest_speed_rad_s : float
         Drag by a power of the share of the largest speed.
     load : float
@@ -104,11 +104,11 @@ def draw_turning(
     Parameters
     ----------
     generator : numpy.random.Generator
-        Generator of these constants only, so that all others don't change.
+        Generator of these constants only, so that all other constants stay the same.
     range_nm, largest_speed_rad_s, temperature_effect_per_k : float
         The side's design.
     wear : float
-        How much larger the effects of a worn bench are.
+        Factor on the effects for a worn bench.
     """
 
     def signed(low: float, high: float) -> float:
@@ -135,15 +135,15 @@ def draw_turning(
 def fresh_lubrication(
     lubricant: LubricantName = "grease", amount: float = 1.0, hours: float = SEASONED_H
 ) -> FloatArray:
-    """State of a side's bearings.
+    """Return the state of a side's bearings with this lubricant.
 
     Parameters
     ----------
     lubricant : {"grease", "thin-grease", "oil"}
     amount : float
-        Share of what is specified, 0.1 to 3.
+        Share of the specified amount, 0.1 to 3.
     hours : float
-        Of turning since it was filled; a fresh one runs in over some ten hours.
+        Hours of turning since it was filled; fresh lubricant runs in over about ten hours.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def fresh_lubrication(
 
 @inner
 def thickness(lubrication: FloatArray, temperature_c: float) -> float:
-    """Factor on the drag by the lubricant; 1 for run-in grease at 23 °C."""
+    """Return the lubricant's factor on the drag; 1 for run-in grease at 23 °C."""
     turn = 1.0 / (temperature_c + _VOGEL_C) - 1.0 / (_REFERENCE_C + _VOGEL_C)
     viscosity = lubrication[VISCOSITY] * math.exp(lubrication[VOGEL] * turn)
     filled = 0.6 + 0.4 * lubrication[AMOUNT]
@@ -181,7 +181,7 @@ def thickness(lubrication: FloatArray, temperature_c: float) -> float:
 def drag(
     turning: TurningConstants, speed_rad_s: float, torque_nm: float, thickness: float
 ) -> float:
-    """Torque that the bearings take beyond Coulomb's and the viscous part, against the motion."""
+    """Return the bearings' drag beyond the Coulomb and viscous parts, against the motion."""
     direction = math.tanh(speed_rad_s / 0.05)
     size = abs(speed_rad_s)
     slower = size / turning.stribeck_rad_s
@@ -199,7 +199,7 @@ def signal_shift(
     shaft_c: float,
     speed_rad_s: float,
 ) -> float:
-    """Change of the transducer's signal as a share of its nominal torque."""
+    """Return the change of the transducer's signal as a share of its nominal torque."""
     warmth = temperature_c - _REFERENCE_C
     curve = turning.zero_curvature_per_k2 + turning.span_curvature_per_k2 * relative
     result = curve * warmth * warmth

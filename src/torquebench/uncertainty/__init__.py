@@ -1,7 +1,7 @@
 """Measurement uncertainty: budgets of sums, their check by Monte Carlo, decision rules.
 
-Pure: frozen results. Sources: JCGM 100:2008 (GUM),
-JCGM 101:2008 (Monte Carlo), JCGM 106:2012 (conformity), ILAC-G8:09/2019 (guard bands).
+Pure functions with frozen results. Sources: JCGM 100:2008 (GUM), JCGM 101:2008 (Monte Carlo), JCGM
+106:2012 (conformity), ILAC-G8:09/2019 (guard bands).
 """
 
 from torquebench.uncertainty.budget import (

@@ -24,7 +24,7 @@ __all__ = [
 ]
 
 COVERAGE_PROBABILITY = erf(sqrt(2.0))
-"""95.45 %: the coverage that k = 2 gives for a normal distribution."""
+"""Coverage probability of k = 2 for a normal distribution: 95.45 %."""
 
 
 class Shared(StrEnum):
@@ -40,7 +40,7 @@ class Shared(StrEnum):
 def coverage_factor(
     degrees_of_freedom: ArrayLike, coverage_probability: float = COVERAGE_PROBABILITY
 ) -> NDArray[np.float64]:
-    """Two-sided coverage factor k from Student's t-distribution (GUM, G.3).
+    """Return the two-sided coverage factor k from Student's t-distribution (GUM, G.3).
 
     Parameters
     ----------
@@ -87,19 +87,19 @@ def coverage_factor(
 def welch_satterthwaite(
     contributions: ArrayLike, degrees_of_freedom: ArrayLike
 ) -> NDArray[np.float64]:
-    """Effective degrees of freedom of independent contributions (GUM, G.2b).
+    """Return the effective degrees of freedom of independent contributions (GUM, G.2b).
 
     Parameters
     ----------
     contributions : array_like of shape (..., n)
         Contributions |c·u| in the result's unit.
     degrees_of_freedom : array_like, broadcast to the same shape
-        Of each; `inf` allowed.
+        Degrees of freedom of each contribution; `inf` is allowed.
 
     Returns
     -------
     ndarray of shape (...)
-        ν_eff; `inf` where no contribution with finite degrees of freedom is above 0.
+        ν_eff; `inf` if no contribution with finite degrees of freedom is above 0.
 
     Examples
     --------
@@ -124,14 +124,14 @@ class BudgetLine:
     Attributes
     ----------
     name : str
-        Where it comes from.
+        Source of the uncertainty.
     standard_uncertainty : float
         In the result's unit, not negative.
     degrees_of_freedom : float
-        Of that; ``inf`` where it is taken as exactly known.
+        Degrees of freedom of that; ``inf`` if it is treated as exactly known.
     sensitivity : float
-        +1 or -1: which way a positive error of the source shifts the result, so that two results
-        that share the source can be compared.
+        +1 or -1: direction in which a positive error of the source shifts the result, so that two
+        results that share the source can be compared.
     shared : Shared
         What another result must have in common with this one to have the same error: the
         calibration (of a chain or of the bench's encoders), the mounting, the zero, the test as one
@@ -164,7 +164,7 @@ class BudgetLine:
 
     @classmethod
     def rectangular(cls, name: str, half_width: float) -> Self:
-        """Return a line of which anything within ±`half_width` is equally likely.
+        """Return a line whose error is equally probable anywhere within ±`half_width`.
 
         Examples
         --------
@@ -175,7 +175,7 @@ class BudgetLine:
         return cls(name, half_width / HALF_WIDTH_FACTOR[shape], distribution=shape)
 
     def times(self, factor: float) -> Self:
-        """Return the line of a multiple of the result, without the estimate."""
+        """Return the line for a multiple of the result, without the estimate."""
         return replace(
             self,
             standard_uncertainty=abs(factor) * self.standard_uncertainty,
@@ -185,13 +185,13 @@ class BudgetLine:
 
     @property
     def common(self) -> bool:
-        """Whether another result may have the same error."""
+        """Whether another result may share this error."""
         return self.shared is not Shared.NOTHING
 
 
 @dataclass(frozen=True)
 class Budget:
-    """An uncertainty budget: the result and where its uncertainty comes from.
+    """An uncertainty budget: the result, and the sources of its uncertainty.
 
     Attributes
     ----------
@@ -200,7 +200,7 @@ class Budget:
     degrees_of_freedom : float
         Effective (Welch-Satterthwaite).
     lines : tuple of BudgetLine
-        One a source, in the order given.
+        One for each source, in the given order.
     unit : str
         Unit of the result.
     """
@@ -252,7 +252,7 @@ class Budget:
         return max(self.lines, key=lambda line: line.contribution)
 
     def text(self, coverage_probability: float = COVERAGE_PROBABILITY) -> str:
-        """Write the budget as aligned plain text, one line a source, the result below."""
+        """Return the budget as aligned plain text: a line for each source, then the result."""
         rows = [("quantity", "value", "u", "ν", "distribution", "c", "|c|·u", "share")]
         rows.extend(
             (

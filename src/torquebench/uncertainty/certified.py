@@ -1,4 +1,4 @@
-"""Uncertainty of a torque standard over the torque, as its certificate states it."""
+"""Uncertainty of a torque standard over the torque, from its certificate."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ __all__ = ["CertifiedUncertainty"]
 FloatArray = NDArray[np.float64]
 
 FROM_SHARE = 0.02
-"""Smallest certified torque of a standard whose certificate isn't known as a table, as a share of
-its range: the first of 50 steps."""
+"""Smallest certified torque, as a share of the range, of a standard whose certificate isn't known
+as a table: the first of 50 steps."""
 
 
 @dataclass(frozen=True)
 class CertifiedUncertainty:
     """Expanded uncertainty (k = 2) of a torque standard at its certified torques.
 
-    Linear in between. The standard is zeroed where it is used: from its smallest certified torque
-    on down, and from its largest on up, the uncertainty is a constant share of the torque. What is
-    stated for one direction only holds for both.
+    It is linear between them. Because the standard is zeroed where it is used, the uncertainty is a
+    constant share of the torque below the smallest certified torque, and also above the largest
+    one. Values that are stated for one direction only are used for both.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class CertifiedUncertainty:
     expanded_nm : tuple of float
         U (k = 2) at these, N·m.
     record : str, optional
-        What states it, such as a certificate's number.
+        Source of the values, such as a certificate's number.
 
     Raises
     ------
@@ -78,17 +78,17 @@ class CertifiedUncertainty:
 
     @classmethod
     def flat(cls, expanded_nm: float, from_nm: float, to_nm: float) -> CertifiedUncertainty:
-        """Return one U in N·m for all torques from the smallest certified to the largest."""
+        """Return a constant U in N·m from the smallest to the largest certified torque."""
         return cls((from_nm, to_nm), (expanded_nm, expanded_nm))
 
     @classmethod
     def of_range(cls, share: float, range_nm: float) -> CertifiedUncertainty:
-        """Return a U that is a share of a range for all its torques."""
+        """Return a U that is a constant share of a range."""
         return cls.flat(share * range_nm, FROM_SHARE * range_nm, range_nm)
 
     @classmethod
     def of_text(cls, text: str, range_nm: float) -> CertifiedUncertainty:
-        """Return a U that a person or a table states.
+        """Return the U in a text that a person or a table states.
 
         Parameters
         ----------
@@ -121,7 +121,7 @@ class CertifiedUncertainty:
 
     @classmethod
     def of_words(cls, text: str, range_nm: float) -> CertifiedUncertainty:
-        """Return a U as `of_text` does, of a text that says what a percentage refers to.
+        """Return a U like `of_text`, from a text that must state what a percentage refers to.
 
         Raises
         ------
@@ -155,8 +155,8 @@ class CertifiedUncertainty:
     def of_table(cls, torque_nm: ArrayLike, expanded_nm: ArrayLike) -> CertifiedUncertainty:
         """Return the U of a certificate's table.
 
-        A line at 0 doesn't count, because the standard is zeroed. Points on a straight line between
-        their neighbours are left out.
+        A row at torque 0 is ignored, because the standard is zeroed. Points on a straight line
+        between their neighbours are left out.
         """
         torque, expanded = np.asarray(torque_nm, np.float64), np.asarray(expanded_nm, np.float64)
         if torque.shape == expanded.shape and torque.ndim == 1:
@@ -167,12 +167,12 @@ class CertifiedUncertainty:
 
     @property
     def text(self) -> str:
-        """Torques with their U, as `of_text` reads them."""
+        """Torques with their U as a text for `of_text`."""
         pairs = zip(self.torque_nm, self.expanded_nm, strict=True)
         return ", ".join(f"{torque!r}: {expanded!r}" for torque, expanded in pairs)
 
     def larger(self, other: CertifiedUncertainty) -> CertifiedUncertainty:
-        """Return a U that is nowhere less than either: the larger one at every certified torque."""
+        """Return a U that is nowhere smaller than either: the larger at each certified torque."""
         torque = np.array([*self.torque_nm, *other.torque_nm])
         sizes = np.unique(np.abs(torque))
         if (torque < 0).any():
@@ -181,7 +181,7 @@ class CertifiedUncertainty:
 
     @cached_property
     def directions(self) -> tuple[FloatArray, FloatArray]:
-        """Sizes of the certified torques, and U, of negative and of positive torques."""
+        """Magnitudes of the certified torques, and U, for negative and for positive torques."""
         points = np.array([self.torque_nm, self.expanded_nm])
         up = points[0] > 0
         down, upward = np.abs(points[:, ~up][:, ::-1]), points[:, up]
@@ -206,7 +206,7 @@ def _interpolated(size: FloatArray, certified: FloatArray, expanded: FloatArray)
 
 
 def _thinned(torque: FloatArray, expanded: FloatArray) -> FloatArray:
-    """Return the ends and every point off the straight line of its neighbours, of shape (2, n)."""
+    """Return both ends and every point off the line between its neighbours, shape (2, n)."""
     points = np.stack([torque, expanded])
     if torque.size < 3:
         return points

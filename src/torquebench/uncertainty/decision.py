@@ -21,7 +21,7 @@ class Verdict(StrEnum):
     """Non-binary statement of conformity with a guard band (ILAC-G8:09/2019, 4.2.3).
 
     The members are in order of severity. The values are the digital calibration certificate's
-    conformity values; ``NONE`` is for what has no limit.
+    conformity values; ``NONE`` means that there is no limit.
     """
 
     NONE = ""
@@ -42,12 +42,12 @@ class Verdict(StrEnum):
 
     @property
     def severity(self) -> int:
-        """Place in the order of severity, 0 if there is no limit."""
+        """Position in the order of severity; 0 if there is no limit."""
         return list(Verdict).index(self)
 
     @classmethod
     def worst(cls, verdicts: Iterable[str]) -> Verdict:
-        """Return the most severe of some verdicts; ``NONE`` if there is none.
+        """Return the most severe verdict; ``NONE`` if there is none.
 
         Examples
         --------
@@ -59,15 +59,15 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Tolerance interval, always stored with what it refers to.
+    """Tolerance interval, always stored together with what it refers to.
 
     Parameters
     ----------
     lower, upper : float or None
-        Limits of the error; None where one side is open. In the unit of the value where
-        `reference` is "absolute", else in % of the reference.
+        Limits of the error; None if one side is open. In the unit of the value if `reference` is
+        "absolute", else in % of the reference.
     reference : {"absolute", "full scale", "reading"}
-        What the limits refer to.
+        Reference of the limits.
 
     Examples
     --------
@@ -95,12 +95,12 @@ class Tolerance:
     def limits(
         self, reading: float | None = None, full_scale: float | None = None
     ) -> tuple[float | None, float | None]:
-        """Limits in the unit of the value.
+        """Return the limits in the unit of the value.
 
         Raises
         ------
         InputError
-            When the reference that the tolerance needs is not given.
+            If the reference that the tolerance needs isn't given.
         """
         if self.reference == "absolute":
             return self.lower, self.upper
@@ -121,14 +121,14 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Decision:
-    """A verdict with everything it rests on.
+    """A verdict, with the values on which it is based.
 
     Attributes
     ----------
     verdict : Verdict
-        One of four.
+        The verdict.
     value, expanded_uncertainty : float
-        What was judged.
+        The value and its uncertainty.
     lower, upper : float or None
         Tolerance limits in the value's unit.
     guard_band : float
@@ -146,7 +146,7 @@ class Decision:
     conformance_probability: float
 
     def rule(self) -> str:
-        """Say the decision rule in words, as a certificate has to state it."""
+        """Decision rule in words, as a certificate has to state it."""
         return (
             "non-binary statement with guard band w = U (expanded uncertainty): pass within the "
             "tolerance reduced by w, conditional pass within the tolerance, conditional fail "
@@ -161,7 +161,7 @@ def conformance_probability(
     upper: float | None,
     degrees_of_freedom: float = float("inf"),
 ) -> float:
-    """Probability that the true value lies within the tolerance (JCGM 106:2012, 7.2).
+    """Return the probability that the true value lies within the tolerance (JCGM 106:2012, 7.2).
 
     Examples
     --------
@@ -193,20 +193,20 @@ def decide(
     degrees_of_freedom: float = float("inf"),
     coverage_probability: float = COVERAGE_PROBABILITY,
 ) -> Decision:
-    """Judge a value against its tolerance with the guard band w = U.
+    """Compare a value with its tolerance, with the guard band w = U.
 
     Parameters
     ----------
     value : float
-        What is judged, usually an error.
+        Value to be compared, usually an error.
     expanded_uncertainty : float
         U at `coverage_probability`, in the value's unit.
     tolerance : Tolerance
-        With its reference.
+        Tolerance with its reference.
     reading, full_scale : float, optional
-        What the tolerance refers to, in the value's unit.
+        Reference of the tolerance, in the value's unit.
     degrees_of_freedom, coverage_probability : float
-        How U was expanded; for the conformance probability.
+        Expansion of U, for the conformance probability.
 
     Returns
     -------
@@ -236,7 +236,7 @@ def decide(
             "finite numbers, the uncertainty not negative",
         )
     lower, upper = tolerance.limits(reading, full_scale)
-    # distance beyond the nearest limit: negative inside
+    # distance beyond the nearest limit, negative inside
     beyond = max(
         value - upper if upper is not None else -float("inf"),
         lower - value if lower is not None else -float("inf"),

@@ -13,13 +13,13 @@ __all__ = ["HALF_WIDTH_FACTOR", "Distribution", "sample"]
 
 
 class Distribution(StrEnum):
-    """Shape of what is known about a quantity (JCGM 101:2008, clause 6.4).
+    """Probability distribution of a quantity (JCGM 101:2008, clause 6.4).
 
     A ``NORMAL`` quantity with finite degrees of freedom is drawn from the scaled and shifted
-    t-distribution (6.4.9), a ``RECTANGULAR`` one from the curvilinear trapezoid of inexactly
-    known limits (6.4.3) whose relative width uncertainty is ``1/sqrt(2 ν)`` (GUM, G.4.2). A
-    ``PRODUCT`` is that of two rectangular quantities about 0: a coefficient within a limit times a
-    change of temperature within another.
+    t-distribution (6.4.9), a ``RECTANGULAR`` one from the curvilinear trapezoid of inexactly known
+    limits (6.4.3) whose relative width uncertainty is ``1/sqrt(2 ν)`` (GUM, G.4.2). A ``PRODUCT``
+    is the product of two rectangular quantities about 0: a coefficient within a limit times a
+    change of temperature within another limit.
     """
 
     NORMAL = "normal"
@@ -55,7 +55,7 @@ def sample(
     value, standard_uncertainty : float
         Location, and scale as a standard uncertainty, both in the quantity's unit.
     degrees_of_freedom : float
-        Of the standard uncertainty; `inf` where it is exactly known.
+        Degrees of freedom of the standard uncertainty; `inf` if it is exactly known.
     size : int
         Number of draws.
     generator : numpy.random.Generator
@@ -84,7 +84,7 @@ def sample(
         width = np.full(size, half_width)
         if np.isfinite(degrees_of_freedom):
             _require_separate_limits(degrees_of_freedom)
-            # JCGM 101:2008, 6.4.3.4, with the mid-point exact and the width inexact
+            # JCGM 101:2008, 6.4.3.4, with an exact mid-point and an inexact width
             inexactness = half_width / np.sqrt(2.0 * degrees_of_freedom)
             width += inexactness * generator.uniform(-1.0, 1.0, size)
         return value + width * generator.uniform(-1.0, 1.0, size)

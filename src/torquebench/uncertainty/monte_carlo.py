@@ -32,13 +32,13 @@ class MonteCarloResult:
     low, high : float
         Probabilistically symmetric coverage interval.
     coverage_probability : float
-        Of that interval.
+        Coverage probability of that interval.
     trials : int
         Number of draws.
     tolerance : float
         Numerical tolerance that the adaptive procedure had to reach.
     converged : bool
-        Whether it did within the allowed number of trials.
+        Whether it was reached within the allowed number of trials.
     """
 
     value: float
@@ -53,7 +53,7 @@ class MonteCarloResult:
 
 @dataclass(frozen=True)
 class Validation:
-    """Whether Monte Carlo confirms a GUM budget (JCGM 101:2008, clause 8.1).
+    """Comparison of a GUM budget with Monte Carlo (JCGM 101:2008, clause 8.1).
 
     Attributes
     ----------
@@ -64,9 +64,9 @@ class Validation:
     tolerance : float
         Half a unit of the last significant digit of the standard uncertainty.
     budget : Budget
-        What was checked.
+        The budget.
     monte_carlo : MonteCarloResult
-        What it was checked against.
+        The Monte Carlo result.
     """
 
     agrees: bool
@@ -77,7 +77,7 @@ class Validation:
     monte_carlo: MonteCarloResult
 
     def sentence(self) -> str:
-        """One sentence for a report: do the two methods agree, and by how much."""
+        """One sentence for a report: whether the two methods agree, and their difference."""
         unit = f" {self.budget.unit}" if self.budget.unit else ""
         verdict = "agree" if self.agrees else "do not agree"
         return (
@@ -89,7 +89,7 @@ class Validation:
 
 
 def numerical_tolerance(standard_uncertainty: float, significant_digits: int = 2) -> float:
-    """Half a unit in the last significant digit of a standard uncertainty (JCGM 101, 7.9.2).
+    """Return half a unit in the last significant digit of a standard uncertainty (JCGM 101, 7.9.2).
 
     Examples
     --------
@@ -147,13 +147,13 @@ def monte_carlo(
     ----------
     budget : Budget
     generator : numpy.random.Generator
-        Source of the draws: same state, same result.
+        Source of the draws; the same state gives the same result.
     coverage_probability : float
-        Of the coverage interval.
+        Coverage probability of the interval.
     tolerance : float
         Numerical tolerance in the result's unit.
     maximum_trials : int
-        Where to stop though the tolerance isn't reached; `converged` is then False.
+        Largest number of trials; if the tolerance isn't reached by then, `converged` is False.
 
     Examples
     --------
@@ -216,7 +216,7 @@ def check_by_monte_carlo(
     generator, coverage_probability, maximum_trials
         As in `monte_carlo`, run with a fifth of the tolerance.
     significant_digits : int
-        Digits of the standard uncertainty that matter, 1 or 2.
+        Number of meaningful digits of the standard uncertainty, 1 or 2.
 
     Examples
     --------

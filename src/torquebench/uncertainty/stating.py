@@ -1,4 +1,4 @@
-"""A value and its expanded uncertainty in digits, as in GUM 7.2.6."""
+"""A value and its expanded uncertainty as digits, as in GUM 7.2.6."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ __all__ = ["rounded", "stated"]
 
 
 def rounded(uncertainty: float) -> tuple[float, int]:
-    """Round an uncertainty to two significant digits and say how many decimals that are.
+    """Round an uncertainty to two significant digits; return it with its number of decimals.
 
     Parameters
     ----------
     uncertainty : float
-        Above 0, in any unit; anything else comes back as it is, with three decimals.
+        Above 0, in any unit; any other value is returned unchanged, with three decimals.
 
     Returns
     -------
     tuple of float and int
-        The rounded uncertainty, and the decimals that show it and what it belongs to.
+        The rounded uncertainty, and the number of decimals for it and its value.
 
     Examples
     --------
@@ -42,7 +42,8 @@ def stated(value: float, expanded: float) -> tuple[str, str]:
     Returns
     -------
     tuple of str
-        Both, without unit; a value whose uncertainty doesn't determine its digits has five.
+        Both as text, without unit; a value has five digits if its uncertainty doesn't determine
+        their number.
 
     Examples
     --------
@@ -61,5 +62,5 @@ def stated(value: float, expanded: float) -> tuple[str, str]:
 
 
 def _places(uncertainty: float) -> int:
-    """Count the decimals of two significant digits; 0.0996 has two, as 0.10."""
+    """Return the decimals for two significant digits; 0.0996 has two, as 0.10."""
     return 1 - int(f"{uncertainty:.1e}".partition("e")[2])
