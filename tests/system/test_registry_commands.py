@@ -232,7 +232,7 @@ def test_a_table_from_elsewhere_is_evaluated_and_held_against_its_profile(tmp_pa
     write_calibration(tmp_path / "named.csv", replace(points, transducer_serial="T-1"))
     done = run("evaluate", "static", "named.csv", *options, "--transducer", "T-9", cwd=tmp_path)
     said = " ".join(done.stderr.split())
-    assert "named.csv says transducer_serial = T-1; T-9 was given and is taken" in said
+    assert "named.csv states transducer_serial = T-1; the given T-9 is used" in said
 
 
 def test_a_list_says_that_there_is_more(calibrated):

@@ -1,6 +1,6 @@
-"""Tables in and out: one reader for every format, with units, and errors by row and column.
+"""Tables: one reader for every format, with units, and errors that name row and column.
 
-A name is imported at its first use, so that a refusal doesn't wait for numerical libraries.
+Names are imported at their first use, so that a refusal doesn't wait for numerical libraries.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Compensation of readings of any length, block by block: little memory, two cores, progress."""
+"""Compensation of files of any length, block by block: little memory, two cores, progress."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Compensate = Callable[[ReadingsTable], tuple[NDArray[np.float64], ...]]
 """Function from readings to torque, additional torque and expanded uncertainty, all in N·m."""
 
 Follow = Callable[[ReadingsTable, ReadingsTable | None], tuple[NDArray[np.float64], ...]]
-"""The same for successive blocks, each with the block that follows it."""
+"""The same function for successive blocks: it gets each block together with the following one."""
 
 _BLOCK_ROWS = 1 << 16
 _WORKERS = 2
@@ -49,7 +49,7 @@ class CompensatedFile:
     simulated : bool
         Whether the readings' file states that they are simulated.
     lowest_nm, highest_nm : float
-        Additional torque.
+        Extremes of the additional torque.
     largest_uncertainty_nm : float
         Largest expanded uncertainty.
     """
@@ -64,7 +64,7 @@ class CompensatedFile:
 class _Encoded(NamedTuple):
     lines: Any
     figures: tuple[int, float, float, float]
-    """Rows, extremes of the additional torque, largest U."""
+    """Rows, extremes of the additional torque, and largest U."""
 
 
 def compensate_file(
@@ -78,34 +78,36 @@ def compensate_file(
     check: Callable[[Table, TableColumns], None] = lambda _table, _columns: None,
     progress: Progress = NO_PROGRESS,
 ) -> CompensatedFile:
-    """Compensate a file of readings into another, whole or not at all.
+    """Compensate a file of readings, and write the result as a new file, atomically.
 
-    All columns of the source come first, as they are, then `ADDED_COLUMNS`. CSV keeps separator
-    and decimal mark.
+    The target has all columns of the source, unchanged, and then `ADDED_COLUMNS`. CSV keeps
+    separator and decimal mark.
 
     Parameters
     ----------
     source : pathlib.Path
-        In any format that is read; ``-`` is CSV from standard input.
+        File in any readable format; ``-`` is CSV from standard input.
     target : pathlib.Path
-        In any format that is written, by its ending; see `atomic_write` for links, pipes and ``-``.
+        File in any writable format, chosen by its ending; see `atomic_write` for links, pipes and
+        ``-``.
     compensate : callable
-        Called for one block after the other and from two threads.
+        Called for each block, in any order, from two threads.
     timed : callable, optional
-        Called instead where the file has ``time_s``, for blocks in the order of time.
+        Called instead if the file has ``time_s``, for blocks in the order of time.
     mapping : sequence of str
-        ``name=Header[unit]`` of columns that have other names; see `understand`.
+        ``name=Header[unit]`` for columns with other names; see `understand`.
     conversion : Conversion, optional
-        From signals, forces and masses to torques.
+        Conversion of signals, forces and masses to torques.
     check : callable
-        Called with the table without rows and its columns before anything is written, to refuse it.
+        Called with the table without rows, and with its columns, before anything is written; may
+        refuse it.
     progress : Progress, optional
-        Told one stage of `SHARES` steps.
+        Receives one stage of `SHARES` steps.
 
     Raises
     ------
     InputError
-        Naming file, row and column of what can't be used.
+        With file, row and column of the unsuitable value.
     """
     check_read(source)
     check_written(target)
@@ -160,7 +162,7 @@ def _followed(
     follow: Follow,
     encoded: Callable[[ReadingsTable, tuple[NDArray[np.float64], ...]], _Encoded],
 ) -> Iterator[tuple[_Encoded, float]]:
-    """Compensate blocks in order, each when the next one is known."""
+    """Compensate blocks in order, each as soon as the following one has been read."""
     waiting: ReadingsTable | None = None
     reached = 0.0
     for block, share in blocks:
@@ -176,10 +178,10 @@ def _followed(
 def _in_order(
     work: Callable[[Any], Any], pieces: Iterable[tuple[Any, float]]
 ) -> Iterator[tuple[Any, float]]:
-    """Process pieces in two threads; yield results in the order of the pieces."""
+    """Process pieces in two threads; yield the results in the order of the pieces."""
     waiting: deque[tuple[Future[Any], float]] = deque()
     iterator = iter(pieces)
-    for piece, share in iterator:  # the first one alone, as it compiles the kernels
+    for piece, share in iterator:  # the first piece alone, because it compiles the kernels
         yield work(piece), share
         break
     with ThreadPoolExecutor(_WORKERS) as threads:
@@ -198,7 +200,7 @@ def _in_order(
 
 
 class _Written:
-    """The target: columns of the source as they are, and the added ones."""
+    """The target file: columns of the source, unchanged, and the added ones."""
 
     def __init__(self, opened: ExitStack, target: Path, file: OpenTable) -> None:
         self._opened, self._target, self._file = opened, target, file
@@ -207,7 +209,7 @@ class _Written:
         self._schema: Any = None
 
     def encoded(self, block: ReadingsTable, added: tuple[NDArray[np.float64], ...]) -> Any:
-        """Return a block as the target's format has it; the first block settles the types."""
+        """Return a block in the target's format; the first block determines the types."""
         cells = [_arrow(each) for each in block.table.cells]
         text = self._format.name == "csv"
         if self._writer is None:
@@ -268,7 +270,7 @@ class _Written:
 
 
 def _settled(column: Any) -> Any:
-    """Return numbers as the type of a text column of which all cells are numbers."""
+    """Return the type of a text column: float64 if all its cells are numbers."""
     try:
         pc.cast(column, pa.float64())
     except pa.ArrowInvalid:

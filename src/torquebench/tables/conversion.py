@@ -1,4 +1,4 @@
-"""From a transducer's signal, a force or a mass to a torque: sensitivity, lever arm, gravity."""
+"""Conversion of a signal, a force or a mass to a torque: sensitivity, lever arm, gravity."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 TORQUE_ONLY = ("force", "mass", *SIGNALS)
-"""Kinds that become a torque by a conversion."""
+"""Kinds of quantities that become a torque only by a conversion."""
 _PAIR = re.compile(r"\s*([-+0-9.,eE]+)\s*(\S.*?)\s*(?:at|=|@|bei|→)\s*([-+0-9.,eE]+)\s*(\S.*?)\s*")
 _SLOPE = re.compile(r"\s*([-+0-9.,eE]+)\s*(\S.*?)\s*(?:per|pro)\s*(\S.*?)\s*")
 _EXAMPLES = "'2.0015 mV/V at 500 N·m', or two points: '10 kHz at 0 N·m; 15 kHz at 500 N·m'"
@@ -32,7 +32,7 @@ _GRAVITIES = (9.7, 9.9)
 
 
 class MissingSensitivityError(InputError):
-    """Readings are an electrical signal whose sensitivity isn't stated."""
+    """The readings are an electrical signal, and its sensitivity isn't stated."""
 
     signal: Unit | None = None
     """Unit of the readings."""
@@ -40,18 +40,18 @@ class MissingSensitivityError(InputError):
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Torque by a transducer's signal: a straight line.
+    """Torque as a straight line over a transducer's signal.
 
     Parameters
     ----------
     kind : str
         Kind of the signal, one of `SIGNALS`.
     nm_per_unit : float
-        N·m by one base unit of the signal.
+        N·m per base unit of the signal.
     zero : float
         Signal at 0 N·m, in its base unit.
     text : str
-        As it was stated.
+        The sensitivity as it was stated.
 
     Examples
     --------
@@ -71,7 +71,7 @@ class Sensitivity:
 
     @classmethod
     def of_text(cls, text: str) -> Sensitivity:
-        """Return the sensitivity that a person states: one or two points, or a slope.
+        """Parse a stated sensitivity: one or two points, or a slope.
 
         Raises
         ------
@@ -92,7 +92,7 @@ class Sensitivity:
         for pair in pairs:
             assert pair is not None
             values = (pair[1], pair[2]), (pair[3], pair[4])
-            if unit_named(pair[2], "torque") is not None:  # stated the other way round
+            if unit_named(pair[2], "torque") is not None:  # stated in the reverse order
                 values = values[1], values[0]
             (number, unit), (nm, torque_unit) = values
             signal, torque = _signal(unit), unit_named(torque_unit, "torque")
@@ -111,7 +111,7 @@ class Sensitivity:
 
     @classmethod
     def estimated(cls, unit: Unit, signal: FloatArray, torque_nm: FloatArray) -> Sensitivity | None:
-        """Return the sensitivity that a table shows, stated as two points; None without one.
+        """Return the sensitivity that a table shows, as two points; None if it shows none.
 
         Examples
         --------
@@ -150,7 +150,7 @@ def _unclear(text: str) -> InputError:
 
 @dataclass(frozen=True)
 class Conversion:
-    """What the user states about signals, forces and masses.
+    """A user's statements about signals, forces and masses.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ class Conversion:
     gravity : float
         Local acceleration of free fall, m/s².
     scale : ReadingScale, optional
-        Unit of the readings of the model that is applied; it counts for readings.
+        Unit of the readings of the applied model, which is used for readings.
     """
 
     sensitivity: Sensitivity | None = None
@@ -172,12 +172,12 @@ class Conversion:
     def of_options(
         cls, sensitivity: str | None, arm: str | None, gravity: float | None
     ) -> Conversion:
-        """Return what options state.
+        """Return the conversion that options state.
 
         Raises
         ------
         InputError
-            One of them can't be understood.
+            An option can't be parsed.
         """
         return cls(
             None if sensitivity is None else Sensitivity.of_text(sensitivity),
@@ -191,7 +191,7 @@ class Conversion:
         Raises
         ------
         InputError
-            What the conversion needs isn't stated.
+            A value that the conversion needs isn't stated.
         """
         if self.scale is not None and quantity == "reading":
             own = unit_named(self.scale.unit, unit.kind)
@@ -251,7 +251,7 @@ class Conversion:
 
     @property
     def text(self) -> str:
-        """What was stated, in words."""
+        """The stated values in words."""
         if self.scale is not None and not self.scale.is_torque:
             return self.scale.stated
         parts = [] if self.sensitivity is None else [self.sensitivity.text]
@@ -287,12 +287,12 @@ def arm_m(text: str) -> float:
 
 
 def gravity_m_s2(value: float) -> float:
-    """Return a local acceleration of free fall, checked.
+    """Check a local acceleration of free fall, and return it.
 
     Raises
     ------
     InputError
-        Nowhere on Earth.
+        The value doesn't occur on Earth.
     """
     low, high = _GRAVITIES
     if not low <= value <= high:

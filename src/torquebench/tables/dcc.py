@@ -1,7 +1,7 @@
-"""Digital calibration certificates (PTB's DCC) of any institute: what they state of a torque.
+"""Digital calibration certificates (PTB's DCC) of any institute: their statements about a torque.
 
-Read without a schema, so that every version from 2.4 to 3.3 and small faults of form are
-understood; `certificate --check` validates.
+They are read without a schema, so that all versions from 2.4 to 3.3 and small formal defects are
+accepted; `certificate --check` validates them.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ class DccQuantity:
     Parameters
     ----------
     name : str
-        In English where the certificate has it.
+        Name, in English if the certificate has it.
     kinds : tuple of str
         Its reference types, such as "basic_measuredValue".
     unit : str
-        As the certificate writes it, such as ``\newton\metre``.
+        Unit in the certificate, such as ``\newton\metre``.
     values : array of float, shape (n,)
     expanded : array of float, shape (n,), or None
         Expanded uncertainty for k = 2, in the unit.
@@ -64,7 +64,7 @@ class DccQuantity:
 
     @property
     def nm(self) -> float | None:
-        """N·m of its unit; None for another kind of unit."""
+        """N·m per unit of the quantity; None for other kinds of units."""
         return _newton_metres(self.unit)
 
     def shown(self) -> list[str]:
@@ -77,7 +77,7 @@ class DccQuantity:
 
     @property
     def is_reference(self) -> bool:
-        """Whether it is what the item was compared with."""
+        """Whether the quantity is the one with which the item was compared."""
         return any(_REFERENCE.search(text) for text in (*self.kinds, self.name))
 
 
@@ -88,7 +88,7 @@ class DigitalCertificate:
     Parameters
     ----------
     version : str
-        Of the schema that it states.
+        Version of the schema that the certificate states.
     number, laboratory, country : str
     item, serial : str
         Name and identification of the calibrated item.
@@ -113,14 +113,14 @@ class DigitalCertificate:
 
     @property
     def record(self) -> str:
-        """What it is, in words, for a record of the standard's uncertainty."""
+        """Description of the certificate, for a record of the standard's uncertainty."""
         item = f" of {self.item}" if self.item else ""
         return f"certificate {self.number}{item} {self.serial}".strip() + f", {self.laboratory}"
 
     def torques(self) -> Iterator[tuple[str, FloatArray, FloatArray]]:
         """Yield title, torques and U (k = 2) of each table of torques, N·m."""
         found = [(title, pair) for title, each in self.results if (pair := _torques(each))]
-        if not found:  # each column may be a result of its own, of single values
+        if not found:  # each column may be a result of its own, with single values
             columns = [one for title, each in self.results if (one := _column(title, each))]
             pair = _torques(columns)
             found = [("", pair)] if pair else []
@@ -128,12 +128,12 @@ class DigitalCertificate:
             yield title, torque, expanded
 
     def uncertainty(self) -> CertifiedUncertainty:
-        """Return U (k = 2) over the torque; of several tables the larger one counts.
+        """Return U (k = 2) over the torque; from several tables, the larger one.
 
         Raises
         ------
         InputError
-            It states none.
+            The certificate states none.
         """
         points: dict[float, float] = {}
         for _, torque, expanded in self.torques():
@@ -158,7 +158,7 @@ class DigitalCertificate:
 
 
 def is_dcc(path: Path) -> bool:
-    """Return whether a file is a digital calibration certificate, by its beginning."""
+    """Return whether a file is a digital calibration certificate, judged by its beginning."""
     try:
         with path.open("rb") as file:
             return NAMESPACE in file.read(8192)
@@ -251,7 +251,7 @@ def _text(element: Element | None, *names: str) -> str:
 
 
 def _words(element: Element | None) -> str:
-    """Return a text in English where it has several languages."""
+    """Return a text, in English if it exists in several languages."""
     contents = _children(element, "content")
     if not contents:
         return _text(element) if element is not None else ""
@@ -268,7 +268,7 @@ def _results(root: Element) -> Iterator[tuple[str, tuple[DccQuantity, ...]]]:
 
 
 def _tables(data: Element | None) -> Iterator[tuple[DccQuantity, ...]]:
-    """Yield the quantities that stand beside each other, list by list."""
+    """Yield the groups of quantities that belong together, list by list."""
     if data is None:
         return
     found = [each for child in _children(data, "quantity") if (each := _quantity(child))]
@@ -280,7 +280,7 @@ def _tables(data: Element | None) -> Iterator[tuple[DccQuantity, ...]]:
 
 
 def _quantity(element: Element) -> DccQuantity | None:
-    """Return a quantity with numbers, of several units the one in N·m."""
+    """Return a quantity with numbers; of several units, the one in N·m."""
     hybrid = _children(element, "hybrid")
     forms = [each for parent in (*hybrid, element) for each in parent if _local(each) in _FORMS]
     parsed = [found for form in forms if (found := _numbers(form)) is not None]
@@ -323,7 +323,7 @@ def _numbers(form: Element) -> tuple[str, FloatArray, FloatArray | None] | None:
 
 
 def _joined(form: Element) -> tuple[str, FloatArray, FloatArray | None] | None:
-    """Return a list of single numbers, whose unit and uncertainty may be stated once."""
+    """Return single numbers as a list; unit and uncertainty may be stated once for all."""
     inner = _children(form, "realList")
     reals = _children(form, "real")
     if not reals:
@@ -341,7 +341,7 @@ def _joined(form: Element) -> tuple[str, FloatArray, FloatArray | None] | None:
 
 
 def _expanded(form: Element, values: FloatArray) -> FloatArray | None:
-    """Return U (k = 2) of numbers; None where it isn't stated with its coverage factor."""
+    """Return U (k = 2) of numbers; None if it isn't stated with its coverage factor."""
     for element in form.iter():
         for name, value, factor in _UNCERTAINTIES:
             if _local(element) == name:
@@ -374,12 +374,12 @@ def _floats(text: str) -> FloatArray | None:
 
 
 def _repeated(values: FloatArray, like: FloatArray) -> FloatArray:
-    """Return one value for each of others, where one is stated for all."""
+    """Return one value for each of others, repeating a value that is stated for all."""
     return np.full(like.size, values[0]) if values.size == 1 else values
 
 
 def _newton_metres(unit: str) -> float | None:
-    r"""Return the N·m of a unit as the D-SI or a person writes it; None for another kind.
+    r"""Return the N·m per unit written as in the D-SI or by a person; None for other units.
 
     >>> units = r"\kilo\newton\metre", r"\newton\metre\tothe{-1}", "kN·m"
     >>> [_newton_metres(each) for each in units]
@@ -399,7 +399,7 @@ def _newton_metres(unit: str) -> float | None:
 
 
 def _torques(quantities: Sequence[DccQuantity]) -> tuple[FloatArray, FloatArray] | None:
-    """Return the torques of a table and U (k = 2) of the item there, N·m."""
+    """Return the torques of a table and their U (k = 2) for the item, N·m."""
     torques = [each for each in quantities if each.nm is not None and not _is_uncertainty(each)]
     if not torques:
         return None
@@ -414,7 +414,7 @@ def _torques(quantities: Sequence[DccQuantity]) -> tuple[FloatArray, FloatArray]
 
 
 def _column(title: str, quantities: Sequence[DccQuantity]) -> DccQuantity | None:
-    """Return a result's single values of one unit as a column with its title."""
+    """Return a result's single values of one unit as a column with the result's title."""
     units = {each.unit for each in quantities}
     if len(units) != 1 or any(each.values.size != 1 or each.relative for each in quantities):
         return None
@@ -429,7 +429,7 @@ def _is_uncertainty(quantity: DccQuantity) -> bool:
 
 
 def _of_item(quantity: DccQuantity, torque: FloatArray) -> FloatArray | None:
-    """Return U (k = 2) at torques that a quantity states, N·m; None if it states none."""
+    """Return a quantity's U (k = 2) at given torques, N·m; None if it states none."""
     values, expanded = quantity.values, quantity.expanded
     if _is_uncertainty(quantity) and values.shape == torque.shape:
         if quantity.nm is not None:
@@ -445,5 +445,5 @@ def _of_item(quantity: DccQuantity, torque: FloatArray) -> FloatArray | None:
         return expanded * quantity.nm
     if values.shape != torque.shape or np.ptp(torque) == 0.0:
         return None
-    slope = float(np.polyfit(torque, values, 1)[0])  # of a signal: what U of it is as a torque
+    slope = float(np.polyfit(torque, values, 1)[0])  # of a signal, to convert its U to a torque
     return expanded / abs(slope) if slope else None

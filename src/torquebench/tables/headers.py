@@ -1,8 +1,8 @@
-"""Which column of a table is which quantity, in which unit.
+"""Assignment of a table's columns to quantities and units.
 
 A command states the wanted quantities and their kinds. A column is chosen by the user's assignment
 (``speed=Motor[1/min]``), by torquebench's own name (``speed_rpm``), or by its words and unit
-(``Drehzahl [1/min]``). Where none or several fit, the refusal asks.
+(``Drehzahl [1/min]``). If no column or several columns fit, the error asks the user to assign one.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ ENDINGS = {
     "time": "_s",
     "temperature": "_c",
 }
-"""How torquebench's own names of columns end, by kind."""
+"""Endings of torquebench's own column names, by kind."""
 _OWN_ONLY = ("true_torque",)
-"""Quantities of torquebench's own tables, which no words of others mean."""
+"""Quantities of torquebench's own tables, which no words in other tables mean."""
 _BRACKETED = re.compile(r"^(.*?)\s*[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]\s*$", re.DOTALL)
 _JOINED = (
     re.compile(r"^(.*\S)\s+(?:in|en)\s+(\S+(?: \S+)?)$"),
@@ -60,33 +60,34 @@ _JOINED = (
 )
 _LAST_WORD = re.compile(r"^(.*)[\s_]+([^\s_]+)$")
 _OF_STANDARD = ("standard", "nominal")
-"""Quantities that are never a transducer's signal: "std" is a standard deviation there."""
+"""Quantities that are never a transducer's signal: there, "std" means a standard deviation."""
 _NO_NAMES = ("min", "max", "ms", "in", "std", "tr", "rev", "gf", "mg")
-"""Names of columns that aren't meant as the unit that they are, too."""
+"""Column names that are also units but aren't meant as units."""
 _SHARES = ("%", "percent", "pct", "% fs", "%fs", "fs")
 _SURE = 8
-"""Rank that a torque needs to be proposed among several: of a signal, or by its words."""
+"""Rank from which on a torque is proposed among several: that of a signal, or by its words."""
 _COUNTS = re.compile(r"counts\s*/\s*([0-9.]+(?:e[0-9]+)?)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class Assigned:
-    """A column that is a quantity.
+    """A column that is assigned to a quantity.
 
     Parameters
     ----------
     quantity : str
     kind : str
     index : int
-        Of the column in its table.
+        Index of the column in its table.
     name : str
-        As the file writes it.
+        Name of the column in the file.
     unit : Unit or None
-        Of its values; None of labels and words.
+        Unit of its values; None for labels and words.
     factor, offset : float
-        A value times factor plus offset is in the base unit of the kind; the sign is in both.
+        A value times factor plus offset is in the base unit of the kind; both include the sign.
     by_words : bool
-        Whether it was chosen by the words of its name, not by torquebench's own or by the user.
+        Whether the column was chosen by the words of its name, not by torquebench's own name or by
+        the user.
     """
 
     quantity: str
@@ -124,18 +125,18 @@ class Understood:
         return quantity in self.columns
 
     def name(self, quantity: str) -> str:
-        """Return the name of a quantity's column as the file writes it."""
+        """Return the name of a quantity's column in the file."""
         return self.columns[quantity].name
 
     def numbers(self, table: Table, quantity: str, per: float = 1.0) -> NDArray[np.float64] | None:
         """Return a quantity, shape (n,); None without a column.
 
-        It is in the base unit of its kind, or in the unit of which a base unit is `per`.
+        It is in the base unit of its kind, or in a unit of which the base unit has `per`.
 
         Raises
         ------
         InputError
-            Naming the first cell that isn't a number.
+            With the first cell that isn't a number.
         """
         column = self.columns.get(quantity)
         if column is None:
@@ -153,7 +154,7 @@ class Understood:
         return [column.described for column in ordered]
 
     def sentence(self) -> str:
-        """Return how columns with names of others were understood; empty if there are none."""
+        """Return how columns with foreign names were assigned, as a sentence; empty without any."""
         parts = []
         for column in sorted(self.columns.values(), key=lambda each: each.index):
             if column.name.lower() == _own_name(column.quantity, column.kind):
@@ -180,22 +181,22 @@ def understand(
     Parameters
     ----------
     table : Table
-        Of which only the names are looked at.
+        Table, of which only the names are used.
     wanted : mapping of str to str
         Kind of each quantity by its name, such as ``{"torque": "torque", "position": "label"}``.
     required : sequence of str
-        Quantities that there must be.
+        Quantities that the table must have.
     assigned : sequence of str
-        ``name=Header[unit]`` for headers with other names; a minus sign before the header turns the
-        sign, ``counts/N`` is the unit of an encoder with N counts per revolution, ``column 2`` the
-        second column of a file without a header.
+        ``name=Header[unit]`` for columns with other names; a minus sign before the header reverses
+        the sign, ``counts/N`` is the unit of an encoder with N counts per revolution, ``column 2``
+        is the second column of a file without a header.
     conversion : Conversion, optional
         From signals, forces and masses to torques.
 
     Raises
     ------
     InputError
-        Where a column is missing or unknown, given twice, or has no or another unit.
+        If a column is missing, unknown or assigned twice, or its unit is missing or wrong.
 
     Examples
     --------
@@ -212,23 +213,23 @@ def understand(
 
 
 def known_name(name: str) -> bool:
-    """Return whether a column's name has words or a unit that are understood."""
+    """Return whether the words or the unit in a column's name are known."""
     forms = _forms(name)
     return any(meanings(stem) is not None or (unit and kinds_of(unit)) for stem, unit in forms)
 
 
 def names_header(text: str, table: Table) -> bool:
-    """Return whether an assignment names a column of a table."""
+    """Return whether an assignment refers to a column of a table."""
     return _located(text.partition("=")[2].strip(), table) is not None
 
 
 def with_unit(name: str, unit: str, origin: str) -> str:
-    """Return the name of a channel whose unit a file states beside its name.
+    """Return a channel's name with the unit that a file states beside it.
 
     Raises
     ------
     InputError
-        Where the name states another unit.
+        If the name states another unit.
 
     Examples
     --------
@@ -260,7 +261,7 @@ def _own_name(quantity: str, kind: Kind) -> str:
 
 
 def _forms(name: str) -> Iterator[tuple[str, str]]:
-    """Yield what a name may be without its unit, and that unit, the likeliest first.
+    """Yield possible divisions of a name into words and unit, the most probable first.
 
     >>> list(_forms("Speed rad/s"))
     [('Speed rad', 's'), ('Speed', 'rad/s'), ('', 'Speed rad/s'), ('Speed rad/s', '')]
@@ -275,7 +276,7 @@ def _forms(name: str) -> Iterator[tuple[str, str]]:
         if joined is not None:
             yield joined[1], joined[2]
     parts = name.split("_")
-    for count in (2, 3):  # rad_s2, volts_per_volt
+    for count in (2, 3):  # for example rad_s2, volts_per_volt
         if len(parts) > count:
             yield "_".join(parts[:-count]), "_".join(parts[-count:])
     if len(name) > 1 and name.casefold() not in _NO_NAMES:
@@ -284,7 +285,7 @@ def _forms(name: str) -> Iterator[tuple[str, str]]:
 
 
 def _located(source: str, table: Table) -> tuple[int, str, float] | None:
-    """Return the column that a text refers to, the unit in the text, and the sign."""
+    """Return the column to which a text refers, the unit in the text, and the sign."""
     folded = [name.casefold() for name in table.names]
     for text, sign in ((source, 1.0), (source.removeprefix("-").strip(), -1.0)):
         if text.casefold() in folded:
@@ -311,7 +312,7 @@ def _located(source: str, table: Table) -> tuple[int, str, float] | None:
 
 
 def _called(stem: str, names: Sequence[str]) -> list[int]:
-    """Return the columns whose name without its unit is a text."""
+    """Return the columns whose names without unit equal a text."""
     return [
         index
         for index, name in enumerate(names)
@@ -359,7 +360,7 @@ class _Choice:
         return self._found
 
     def _precedence(self, quantity: str) -> tuple[bool, bool]:
-        """Return a key: a column goes to a needed quantity first, and to a label last."""
+        """Return a sort key: needed quantities get a column first, labels last."""
         return quantity not in self._required, self._wanted[quantity] in (LABEL, WORD)
 
     def _take(self, quantity: str, columns: list[Assigned], fit: int) -> None:
@@ -434,12 +435,12 @@ class _Choice:
                     yield fit, replace(column, by_words=True)
 
     def _converted(self, quantity: str, index: int, text: str, sign: float) -> Assigned | None:
-        """Return a column in a unit that converts to that of its quantity; None if it doesn't.
+        """Return a column whose unit converts to that of its quantity; None otherwise.
 
         Raises
         ------
         InputError
-            The unit may be two, or converts only by what isn't stated.
+            The unit is ambiguous, or its conversion needs a value that isn't stated.
         """
         kind, name = self._wanted[quantity], self._table.names[index]
         units = units_named(text, kind)
@@ -472,7 +473,7 @@ class _Choice:
         return None
 
     def _assign(self, text: str) -> None:
-        """Take a column that the user has assigned."""
+        """Use a column that the user has assigned."""
         quantity, equals, source = text.partition("=")
         quantity, source = quantity.strip().lower(), source.strip()
         if quantity not in self._wanted:
@@ -543,7 +544,7 @@ class _Choice:
         return column
 
     def _stated_unit(self, name: str, kind: Kind) -> str:
-        """Return the unit that a header states for a quantity of a kind; empty without one."""
+        """Return the unit in a header for a quantity of a kind; empty without one."""
         fitting = (kind, *TORQUE_ONLY) if kind == "torque" else (kind,)
         bracketed = _BRACKETED.match(name)
         if bracketed is not None:
@@ -596,7 +597,7 @@ class _Choice:
         )
 
     def _missing(self, quantity: str) -> InputError:
-        """Return the refusal of a table without a required quantity, with the likeliest remedy."""
+        """Return the error for a missing quantity, with the most probable remedy."""
         table, names = self._table, [_own_name(each, self._wanted[each]) for each in self._required]
         return InputError(
             Message(
@@ -646,10 +647,10 @@ class _Choice:
         )
 
     def _likeliest(self, quantity: str) -> int | None:
-        """Return the column that most likely is a quantity; None if none is of its kind.
+        """Return the column that is most probably a quantity; None if none is of its kind.
 
-        A column whose words mean another wanted quantity is never proposed: the reference isn't the
-        reading.
+        A column whose words mean another wanted quantity is never proposed: for example, the
+        reference isn't the reading.
         """
         kind = self._wanted[quantity]
         taken = {
@@ -680,7 +681,7 @@ class _Choice:
         words = {found for stem, _ in _forms(name) if (found := meanings(stem)) is not None}
         rank = 1 if fitting & units else 0
         if quantity == "reading" and units & set(SIGNALS):
-            rank += _SURE  # beside a signal, a torque is the standard's
+            rank += _SURE  # if there is a signal, a torque is the standard's
         for found in words:
             if matches(found, quantity, kind):
                 return 2 * _SURE + rank

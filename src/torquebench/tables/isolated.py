@@ -1,10 +1,9 @@
-"""Reading of foreign files in a process of its own, with limits of memory, time and size.
+"""Reading of foreign files in a separate process, with limits of memory, time and size.
 
-Native parsers are attacked by files, and small files may expand to many gigabytes. So every format
-but text is read by a separate process, whose death is a message; where a bench is commanded
-(panel, API), text is, too (decision 194). The process sends the rows as a stream of Arrow.
-
-Run as a program, this module is that process.
+Malicious files can attack native parsers, and small files may expand to many gigabytes. All formats
+except text are therefore read by a separate process, whose crash only causes an error message;
+programs that command a bench (panel, API) read text in this way, too (decision 194). The process
+sends the rows as an Arrow stream. Run as a program, this module is that process.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ _NICE = 5
 _START_S = 120.0
 _REFUSED, _TOO_LARGE = 2, 3
 _ENVIRONMENT = {
-    # no reserved memory: it would count
+    # without reserved memory, which would count
     "ARROW_DEFAULT_MEMORY_POOL": "system",
     "MALLOC_ARENA_MAX": "1",
     "OMP_NUM_THREADS": "1",
@@ -46,18 +45,18 @@ _ENVIRONMENT = {
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of what is read.
+    """Limits for reading a file.
 
     Parameters
     ----------
     memory_mb : int
-        Of the reader's process, beyond its programs.
+        Memory of the reader's process, in addition to its programs.
     seconds : float
-        Until the whole table is read; of a table in batches, until the next batch.
+        Time until the whole table is read, or until the next batch.
     cells : int or None
-        Of the whole table.
+        Number of cells in the whole table.
     mb : int or None
-        Of the table in memory, and of a text file.
+        Size of the table in memory, and of a text file.
     """
 
     memory_mb: int = 512
@@ -67,19 +66,20 @@ class Limits:
 
 
 BATCHES = Limits(cells=None, mb=None)
-"""For tables that are read and written batch by batch."""
+"""Limits for tables that are read and written batch by batch."""
 _MOST_FOLD, _EXPANDED = 1000, 256 << 20
-"""A file of more than so many bytes of cells isn't smaller than a thousandth of them."""
+"""Largest ratio of the cells' size to the file's, for files whose cells have more than so many
+bytes."""
 
 
 class Stream:
-    """A table as its process sends it.
+    """A table, as its process sends it.
 
     Attributes
     ----------
     schema : pyarrow.Schema
     header : dict
-        What the file says of the table: origin, rows, before, notes, …
+        Properties of the table in the file: origin, rows, before, notes, …
     """
 
     def __init__(self, process: subprocess.Popen[bytes], path: str, limits: Limits) -> None:
@@ -90,7 +90,7 @@ class Stream:
         self._pipe = _Pipe(process, _START_S)
         self._errors = pa.ArrowInvalid, OSError, EOFError
         try:
-            self._pipe.read(1)  # its programs are loaded: a busy computer takes its time for them
+            self._pipe.read(1)  # now its programs are loaded, which takes time on a busy computer
             self._pipe.wait_again(limits.seconds)
             self._reader = pa.ipc.open_stream(self._pipe)
         except self._errors as error:
@@ -104,7 +104,7 @@ class Stream:
         Raises
         ------
         InputError
-            The file can't be read further, or is larger than the limits.
+            The file can't be read to its end, or exceeds the limits.
         """
         while True:
             if self._limits.cells is None:
@@ -120,7 +120,7 @@ class Stream:
             raise self._ended()
 
     def _ended(self) -> InputError:
-        """Return why the process has ended."""
+        """Return an error with the reason why the process has ended."""
         if self._pipe.late:
             return InputError(
                 Message("{path}: not read in {seconds:g} s", self._path, self._pipe.late),
@@ -153,7 +153,7 @@ class Stream:
 
 
 class _Pipe(io.RawIOBase):
-    """A process's output; whoever reads waits no longer than a limit."""
+    """A process's output, of which a reader waits no longer than a time limit."""
 
     def __init__(self, process: subprocess.Popen[bytes], seconds: float) -> None:
         super().__init__()
@@ -163,15 +163,15 @@ class _Pipe(io.RawIOBase):
         self.wait_again(seconds)
 
     def wait_again(self, seconds: float) -> None:
-        """Begin to wait so long."""
+        """Restart the time limit."""
         self._seconds, self._until = seconds, time.monotonic() + seconds
 
     def readable(self) -> bool:
-        """Return that it is."""
+        """Return True."""
         return True
 
     def readinto(self, buffer: Any) -> int:
-        """Read what is there, after waiting for it."""
+        """Read the available bytes, after waiting for them."""
         left = self._until - time.monotonic()
         if left <= 0.0 or not select.select([self._file], [], [], left)[0]:
             self.late = self._seconds
@@ -182,7 +182,7 @@ class _Pipe(io.RawIOBase):
         return len(content)
 
     def read(self, size: int = -1) -> bytes:
-        """Read so many bytes, or less at the end."""
+        """Read a number of bytes, or fewer at the end."""
         content = bytearray()
         while len(content) < size:
             piece = bytearray(size - len(content))
@@ -197,7 +197,7 @@ class _Pipe(io.RawIOBase):
 def open_isolated(
     path: Path, part: str, kind: str, rows: int, limits: Limits, called: str = ""
 ) -> Iterator[Stream]:
-    """Open a file in a process of its own.
+    """Open a file in a separate process.
 
     Parameters
     ----------
@@ -205,17 +205,17 @@ def open_isolated(
     part : str
         Sheet or group, "" for the only one.
     kind : str
-        Name of its format.
+        Name of the file's format.
     rows : int
-        Most rows of a batch.
+        Largest number of rows in a batch.
     limits : Limits
     called : str
-        What messages call the file; by default its path.
+        Name of the file in messages; by default its path.
 
     Raises
     ------
     InputError
-        The file can't be read, or is larger than the limits.
+        The file can't be read, or exceeds the limits.
     """
     arguments = {
         "path": str(path.absolute()),
@@ -250,9 +250,9 @@ def _restored(plain: Any) -> str:
 def main(arguments: dict[str, Any]) -> int:
     """Read a file and send it to standard output; return the exit code."""
     if hasattr(os, "setpriority"):
-        os.setpriority(os.PRIO_PROCESS, 0, _NICE)  # the bench goes first, already before imports
+        os.setpriority(os.PRIO_PROCESS, 0, _NICE)  # the bench has priority, even during imports
     stream = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever a package prints isn't part of the stream
+    os.dup2(2, 1)  # output that a package prints isn't part of the stream
     memory_mb, seconds, cells, mb = arguments["limits"]
     limits = Limits(memory_mb, seconds, cells, mb)
     try:
@@ -319,7 +319,7 @@ def _send(arguments: dict[str, Any], limits: Limits, stream: Any) -> None:
             raise
         except Exception as error:  # each library raises its own errors and those of struct
             words = str(error).replace(str(path), shown) or type(error).__name__
-            if "memory" in words.lower() or "failed to map" in words:  # each in its own words
+            if "memory" in words.lower() or "failed to map" in words:  # each with its own text
                 raise MemoryError from error
             raise InputError(
                 Message("can't read {source}: {error}", shown, words[:300]),
@@ -328,7 +328,7 @@ def _send(arguments: dict[str, Any], limits: Limits, stream: Any) -> None:
 
 
 class _WithoutPandas:
-    """Keeps Arrow from importing pandas, which takes longer than reading a table."""
+    """Import hook that keeps Arrow from importing pandas, which would take long."""
 
     def find_spec(self, name: str, _path: object = None, _target: object = None) -> None:
         """Refuse pandas."""
@@ -337,7 +337,7 @@ class _WithoutPandas:
 
 
 def check_cells(path: str, rows: int, columns: int, limits: Limits) -> None:
-    """Refuse a table of more cells than the limits."""
+    """Refuse a table with more cells than the limits allow."""
     if limits.cells is not None and rows * columns > limits.cells:
         raise InputError(
             Message("{path}: {rows} rows of {columns} columns", path, rows, columns),
@@ -356,7 +356,7 @@ def _check_expansion(path: str, cells: int, stored: int) -> None:
 
 
 def _prepare(package: str, limits: Limits) -> None:
-    """Import what reads the format, then limit memory and processor time of this process."""
+    """Import the reader of the format, then limit memory and processor time of this process."""
     from importlib import import_module
 
     import pyarrow as pa
@@ -369,7 +369,7 @@ def _prepare(package: str, limits: Limits) -> None:
     pa.set_io_thread_count(1)
     try:
         import resource
-    except ImportError:  # on Windows: time and cells are limited, memory isn't
+    except ImportError:  # on Windows, time and cells are limited, but memory isn't
         return
     with contextlib.suppress(OSError, ValueError):
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()

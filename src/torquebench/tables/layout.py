@@ -1,7 +1,7 @@
-"""Where a table begins in a file of strangers: title block, header, row of units, first row.
+"""Layout of a foreign file: title block, header, row of units, first row of values.
 
-A header is the row of words above the columns of numbers. Title blocks, the preambles of scopes and
-loggers, and rows with a date stand above it; a row of units may stand below it.
+The header is the row of words above the columns of numbers. Title blocks, preambles of scopes and
+loggers, and rows with a date may precede it; a row of units may follow it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from torquebench.tables.units import kinds_of
 __all__ = ["HEAD_ROWS", "Layout", "find_layout"]
 
 HEAD_ROWS = 400
-"""Rows from the beginning of a file in which the header is looked for."""
+"""Number of rows from the beginning of a file in which the header is searched."""
 _NUMBER = re.compile(
     r"[+-]?(?:[0-9]+(?:[.,][0-9]*)?|[.,][0-9]+)(?:[eE][+-]?[0-9]+)?|[+-]?inf|nan", re.IGNORECASE
 )
@@ -25,21 +25,21 @@ _MOMENT = re.compile(r"\d{1,4}[-/.]\d\d?[-/.]\d{1,4}([T ].*)?|\d\d?:\d\d(:\d\d.*
 _NO_UNIT = ("", "-", "–", "—", "(none)", "none", "1", "n/a", "%", "-/-", "[-]", "(-)")
 _BRACKETS = "[](){}<>"
 _NAMED_SHARE = 0.6
-"""Smallest share of the columns of numbers that a header names."""
+"""Smallest share of the columns with numbers that a header must name."""
 _SCOPE_ROWS = ("symbolcomment", "data-type", "datatype", "sampletime", "sampletime[ms]")
 """First cells of the rows below the names in an export of TwinCAT's scope."""
 _FILETIME = 1e16
-"""Times above this are ticks of 100 ns since 1601, as Windows counts."""
+"""Times above this are ticks of 100 ns since 1601, as in Windows."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """How the rows of a file form a table.
+    """Structure of the table in a file's rows.
 
     Parameters
     ----------
     names : tuple of str
-        Names of the columns, with the units of a row below; as many as the file has columns.
+        Names of all columns of the file, with units from a row below.
     first : int
         Index of the first row of values.
     columns : tuple of int
@@ -47,9 +47,9 @@ class Layout:
     ticks : int or None
         Column with times in ticks of 100 ns.
     notes : tuple of str
-        What was passed over.
+        Notes on ignored contents.
     partial : bool
-        Whether rows have other cells, too, which are passed over.
+        Whether rows also have other cells, which are ignored.
     """
 
     names: tuple[str, ...]
@@ -68,18 +68,18 @@ def find_layout(
     known: Callable[[str], bool],
     commented: Sequence[str] = (),
 ) -> Layout:
-    """Return where the header and the values are.
+    """Return the position of the header and of the values.
 
     Parameters
     ----------
     rows : sequence of sequence of str
-        Cells of the first rows that aren't empty, as many as `HEAD_ROWS`.
+        Cells of the first rows that aren't empty, at most `HEAD_ROWS` rows.
     numbers : sequence of int
-        Their numbers in the file.
+        Numbers of these rows in the file.
     counted : str
-        What the file counts, for notes.
+        What the file's numbers count, for notes.
     known : callable
-        Whether a name of a column is understood.
+        Function that returns whether a column's name is known.
     commented : sequence of str
         Cells of a comment directly above the first row, which may be the header.
 
@@ -134,7 +134,7 @@ def _is_value(cell: str) -> bool:
 
 
 def _numeric_columns(rows: Sequence[Sequence[str]], width: int) -> tuple[int, ...]:
-    """Return the columns in which most of the later rows have numbers."""
+    """Return the columns that contain numbers in most of the later rows."""
     later = rows[-max(1, len(rows) // 2) :]
     columns = []
     for column in range(width):
@@ -168,7 +168,7 @@ def _header(
     candidates = [index for index, row in enumerate(rows) if names(row)]
     begin = next((index for index, row in enumerate(rows) if holds_values(row)), len(rows))
     above = [index for index in candidates if index < begin]
-    if not above:  # numbers of a title block may stand above the header
+    if not above:  # numbers in a title block may precede the header
         return next(
             (index for index in candidates if index > begin and index < len(rows) - 1), None
         )
@@ -180,7 +180,7 @@ def _header(
 
 
 def _is_units(row: Sequence[str], numeric: tuple[int, ...]) -> bool:
-    """Return whether a row holds units: most cells that aren't empty are known ones."""
+    """Return whether a row contains units: most of its non-empty cells are known units."""
     cells = [cell.strip().strip(_BRACKETS) for cell in row if cell.strip()]
     named = [cell for cell in cells if cell.lower() not in _NO_UNIT]
     if not named or any(_is_value(_cell(row, column)) for column in numeric):
@@ -208,7 +208,7 @@ def _repeats(row: Sequence[str], header: Sequence[str], numeric: tuple[int, ...]
 
 
 def _completed(names: Sequence[str]) -> tuple[str, ...]:
-    """Return names with a number for those that the file doesn't name."""
+    """Return the names, with numbered names for columns that the file doesn't name."""
     return tuple(name or f"column {number}" for number, name in enumerate(names, 1))
 
 
@@ -216,7 +216,7 @@ def _completed(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _scope_header(rows: Sequence[Sequence[str]]) -> int | None:
-    """Return the row of names of a scope's export: one that its own rows of properties follow."""
+    """Return the row of names in a scope's export, which rows of properties follow."""
     first = [_cell(row, 0).lower() for row in rows]
     for index, cell in reversed(list(enumerate(first[:-1]))):  # a scope has a name, too
         if cell == "name" and any(each in _SCOPE_ROWS for each in first[index + 1 : index + 4]):
@@ -229,7 +229,7 @@ def _last(row: Sequence[str]) -> int:
 
 
 def _of_scope(rows: Sequence[Sequence[str]], header: int) -> Layout:
-    """Return the channels of the sample time that most have, with the times of the first."""
+    """Return the channels with the most frequent sample time, and the times of the first."""
     properties: dict[str, Sequence[str]] = {}
     for row in rows[header + 1 :]:
         properties.setdefault(_cell(row, 0).lower(), row)
@@ -269,10 +269,10 @@ def _of_scope(rows: Sequence[Sequence[str]], header: int) -> Layout:
     for column, name in enumerate(cells):
         time = name.lower() == "name"
         if time and (columns or step_of.get(column + 1, step) != step):
-            continue  # each channel has its times, which are those of the first
+            continue  # every channel has times, of which those of the first are used
         if column in others:
             continue
-        unit = _cell(units, column).partition(" (")[0].strip(_BRACKETS)  # V (Voltage)
+        unit = _cell(units, column).partition(" (")[0].strip(_BRACKETS)  # for example V (Voltage)
         if time:
             name = "time [s]" if ticks is not None else "time [ms]"
         elif unit and unit.lower() not in _NO_UNIT:

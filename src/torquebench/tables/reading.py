@@ -1,4 +1,4 @@
-"""Open and read tables of any format."""
+"""Open and read tables in any format."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from torquebench.tables.table import Table
 __all__ = ["LIMITS", "OpenTable", "open_table", "read_table", "table_of_arrow", "table_text"]
 
 LIMITS = Limits()
-"""Of tables that are read as a whole."""
+"""Limits for tables that are read as a whole."""
 _WHOLE = 1 << 16
 _HEAD_BYTES = 16
 
@@ -41,11 +41,12 @@ class OpenTable:
     empty : Table
         The table without rows: its names, remarks and notes.
     raw : callable
-        Yields raw pieces in the order of the file, and the share of the file that is read by then.
+        Function that yields raw pieces in the order of the file, and the share of the file read so
+        far.
     piece : callable
-        Returns the rows of a raw piece, None where it has none; any thread may call it.
+        Function that returns the rows of a raw piece, None if it has none; any thread may call it.
     schema : pyarrow.Schema or None
-        Types of the columns; None of a text file.
+        Types of the columns; None for a text file.
     """
 
     empty: Table
@@ -66,13 +67,14 @@ def read_table(
     Parameters
     ----------
     path : pathlib.Path or str
-        By its content or else its ending; ``FILE#PART`` chooses a sheet, group or variable.
+        File, whose format follows from its content or else its ending; ``FILE#PART`` chooses a
+        sheet, group or variable.
     limits : Limits
-        Of memory, time and size.
+        Limits of memory, time and size.
     isolated : bool
-        Whether text, too, is read by a process of its own, as where a bench is commanded.
+        Whether text is also read in a separate process, as in programs that command a bench.
     called : str
-        What messages call the file; by default its path.
+        Name of the file in messages; by default its path.
 
     Raises
     ------
@@ -112,9 +114,9 @@ def open_table(
     Parameters
     ----------
     path, limits, isolated, called
-        As of `read_table`.
+        As in `read_table`.
     rows : int
-        Most rows of a piece; pieces of text have about as many bytes as it is quick to read.
+        Largest number of rows in a piece; pieces of text have a fixed size in bytes instead.
 
     Raises
     ------
@@ -190,11 +192,15 @@ def _of_text(file: TextFile) -> OpenTable:
 
 
 def _opened(file: Path, opened: ExitStack) -> tuple[IO[bytes], int | None]:
-    """Return an opened file, and its size; None for a pipe or device."""
+    """Return an opened file and its size; None for a pipe or a device."""
     try:
         content = opened.enter_context(file.open("rb"))
         return content, file.stat().st_size if file.is_file() else None
-    except (OSError, ValueError, RuntimeError) as error:  # a name with NUL, a loop of links
+    except (
+        OSError,
+        ValueError,
+        RuntimeError,
+    ) as error:  # a name with NUL, a loop of links
         raise InputError(
             Message(
                 "can't read {source}: {error}", file, getattr(error, "strerror", None) or error
@@ -208,7 +214,7 @@ def _reason(error: Exception) -> object:
 
 
 def _refuse_markup(file: Path, head: bytes) -> None:
-    """Refuse what programs export under the ending of a table, and isn't one."""
+    """Refuse files that programs export with the ending of a table but that aren't tables."""
     start = head.lstrip(b"\xef\xbb\xbf \r\n\t").lower()
     for mark, name in ((b"<!doctype", "HTML"), (b"<html", "HTML"), (b"<table", "HTML"),
                        (b"<?xml", "XML"), (b"{", "JSON"), (b"%pdf", "PDF")):  # fmt: skip
@@ -219,7 +225,7 @@ def _refuse_markup(file: Path, head: bytes) -> None:
 
 
 def _remarks(schema: Any) -> dict[str, str]:
-    """Return a schema's metadata of the whole table."""
+    """Return the metadata in a schema that belong to the whole table."""
     notes = {
         key.decode("utf-8", "replace"): value.decode("utf-8", "replace")
         for key, value in (schema.metadata or {}).items()
@@ -231,7 +237,7 @@ def _remarks(schema: Any) -> dict[str, str]:
 def table_text(
     path: Path, *, called: str = "", isolated: bool = False, limits: Limits = LIMITS
 ) -> str:
-    """Return a table as text: that of a text file as it is, any other as CSV.
+    """Return a table as text: a text file unchanged, any other file as CSV.
 
     Raises
     ------
@@ -254,7 +260,7 @@ def table_text(
 
 
 def table_of_arrow(table: Any, origin: str) -> Table:
-    """Return an Arrow table in memory, as from a data frame.
+    """Return an Arrow table as a table in memory, for example from a data frame.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Tables of calibrations, readings and empty runs, read with specific errors and written."""
+"""Tables of calibrations, readings and empty runs: reading with specific errors, and writing."""
 
 from __future__ import annotations
 
@@ -63,30 +63,30 @@ NUMERIC_COLUMNS = tuple(
         ("reading_nm", "standard_nm", *OPTIONAL_COLUMNS, "time_s", *MEASURED, "standard_error_nm")
     )
 )
-"""Columns of calibration and reading tables, each in the unit that its name ends in."""
+"""Columns of calibration and reading tables, each in the unit at the end of its name."""
 READING_COLUMNS = ("reading_nm", "time_s", *MEASURED, "standard_error_nm")
 """Numeric columns of a file of readings; all but the first are optional."""
 ADDED_COLUMNS = ("torque_nm", "additional_torque_nm", "expanded_uncertainty_nm")
 """Columns that compensation adds to a table of readings."""
 LABELS = ("series", "branch", "direction")
 _STEADY = "steady"
-"""Comment of a table of steady means, as the points of a calibration are."""
+"""Comment in a table of steady means, such as the points of a calibration."""
 _TARED = "tared"
-"""Comment of a table whose readings count from the zero of their series already."""
+"""Comment in a table whose readings have the zero of their series subtracted."""
 _WINDOW = "window_s"
-"""Comment with the length of the windows of a table's readings."""
+"""Comment with the window length of a table's readings."""
 _DAY = "measured_on"
-"""Comment with the day of a measurement, from or to which the age of a calibration counts."""
+"""Comment with the day of a measurement, for the age of the calibration."""
 _NEWTON_METRE = unit_named("N·m", "torque")
 _SCALE = "reading_scale"
-"""Comment with the unit of the readings before they were converted, as `ReadingScale.text`."""
+"""Comment with the original unit of the readings, as `ReadingScale.text`."""
 _TEXTS = ("side", "transducer_serial", "counter_identity")
 _LARGEST_RATIO = 10.0
-"""Between the largest reading and the largest torque of the standard; beyond it a unit is wrong, or
-a column.
+"""Largest ratio between the largest reading and the largest torque of the standard; beyond it, a
+unit or a column is wrong.
 """
 _MOST_STEPS = 2000
-"""Most points of a loading sequence; larger tables are recordings."""
+"""Largest number of points in a loading sequence; larger tables are recordings."""
 _DIRECTIONS = {
     **dict.fromkeys(("cw", "clockwise", "+", "+1", "1", "rechts", "im uhrzeigersinn", "顺时针"), 1),
     **dict.fromkeys(("droite", "horaire", "horario", "derecha", "時計回り", "右"), 1),
@@ -107,7 +107,7 @@ _ALLOWED = {
 
 
 def _quantity(column: str) -> tuple[str, str, float]:
-    """Return what a column is called without its unit, its kind, and its unit's factor.
+    """Return a column's name without its unit, its kind, and the factor of its unit.
 
     >>> _quantity("zero_temperature_c"), _quantity("acceleration_rad_s2")
     (('zero_temperature', 'temperature', 1.0), ('acceleration', 'acceleration', 1.0))
@@ -130,7 +130,7 @@ _WANTED: Mapping[str, str] = {
 def check_model(stored: StoredModel, table: Table, columns: TableColumns) -> None:
     """Refuse a table of another transducer, counter, range or unit than a model's.
 
-    What the table doesn't state can't differ.
+    Properties that the table doesn't state aren't compared.
 
     Raises
     ------
@@ -188,12 +188,12 @@ def check_model(stored: StoredModel, table: Table, columns: TableColumns) -> Non
 
 
 def model_conversion(stored: StoredModel, stated: Conversion) -> Conversion:
-    """Return how readings convert to the torques that a model is for.
+    """Return the conversion from readings to the torques of a model.
 
     Raises
     ------
     ModelMismatchError
-        A sensitivity is stated, and the model knows that of its calibration.
+        A sensitivity is stated, although the model contains that of its calibration.
     """
     if _of_signal(stored.scale) is None:
         return replace(stated, scale=stored.scale)
@@ -211,14 +211,14 @@ def _of_signal(scale: ReadingScale | None) -> ReadingScale | None:
 
 
 class TableColumns:
-    """The columns of calibrations and readings in a table, or in the pieces of one.
+    """The columns of a calibration or of readings in a table, or in its pieces.
 
     Parameters
     ----------
     table : Table
-        Of which only names and remarks are looked at.
+        Table, of which only names and remarks are used.
     required : sequence of str
-        Columns that there must be, by names of `NUMERIC_COLUMNS`.
+        Columns that the table must have, by names in `NUMERIC_COLUMNS`.
     assigned : sequence of str
         ``name=Header[unit]`` of columns that have other names; see `understand`.
     conversion : Conversion, optional
@@ -228,9 +228,9 @@ class TableColumns:
     ----------
     understood : Understood
     scale : ReadingScale or None
-        Unit of the readings, where it isn't N·m.
+        Unit of the readings, if it isn't N·m.
     notes : list of str
-        What was passed over.
+        Notes on ignored contents.
     """
 
     def __init__(
@@ -258,14 +258,14 @@ class TableColumns:
         return _QUANTITIES[column][0] in self.understood
 
     def name(self, column: str) -> str:
-        """Return the name of a column in its file."""
+        """Return the name of a column in the file."""
         return self.understood.name(_QUANTITIES[column][0])
 
     def usable(self, table: Table, column: str) -> NDArray[np.float64] | None:
-        """Return an optional column as `numbers` does; None with a note where it can't be used.
+        """Return an optional column like `numbers`; None with a note if it is unsuitable.
 
-        That holds for a column that was chosen by the words of its name: who wrote it didn't mean
-        it for torquebench.
+        This applies to a column that was chosen by the words of its name, because its author may
+        not have meant it for torquebench.
         """
         try:
             return self.numbers(table, column)
@@ -276,7 +276,7 @@ class TableColumns:
             return None
 
     def numbers(self, table: Table, column: str) -> NDArray[np.float64] | None:
-        """Return a column in the unit of its name, shape (n,); None without it."""
+        """Return a column in the unit of its name, shape (n,); None without one."""
         name, _, own = _QUANTITIES[column]
         return self.understood.numbers(table, name, own)
 
@@ -286,7 +286,7 @@ class TableColumns:
         Raises
         ------
         InputError
-            Naming the first cell that isn't a whole number.
+            With the first cell that isn't a whole number.
         """
         column = self.understood.columns.get("series")
         if column is None:
@@ -311,7 +311,7 @@ class TableColumns:
         Raises
         ------
         InputError
-            Naming the first cell that is none of these.
+            With the first cell that has none of these values.
         """
         column = self.understood.columns.get("branch")
         if column is None and self._of_loading(table):
@@ -328,7 +328,7 @@ class TableColumns:
         Raises
         ------
         InputError
-            Naming the first row where it doesn't.
+            With the first row in which they differ.
         """
         column = self.understood.columns.get("direction")
         if column is None or ("branch" not in self.understood and self._of_loading(table)):
@@ -347,7 +347,7 @@ class TableColumns:
             )
 
     def _of_loading(self, table: Table) -> bool:
-        """Return whether the direction is that of loading, by the first piece of the table."""
+        """Return whether the column direction means loading, by the first piece of the table."""
         column = self.understood.columns.get("direction")
         if column is None:
             return False
@@ -359,7 +359,7 @@ class TableColumns:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationTable:
-    """A calibration as read, with the columns that were understood.
+    """A calibration from a table, with the assignment of its columns.
 
     Parameters
     ----------
@@ -385,39 +385,39 @@ def read_calibration_table(
     model: StoredModel | None = None,
     limits: Limits = LIMITS,
 ) -> CalibrationTable:
-    r"""Return the calibration in a file, with the columns that were understood.
+    r"""Read the calibration in a file; return it with the assignment of its columns.
 
     Columns are ``reading_nm`` and ``standard_nm``, and optionally ``series``, ``branch``,
     ``direction``, ``nominal_nm``, ``position_deg``, ``speed_rpm``, ``temperature_c``, ``time_s``,
     ``acceleration_rad_s2``, ``zero_temperature_c``, ``zero_nm``, ``standard_temperature_c``,
     ``standard_error_nm`` and (simulated data only) ``true_torque_nm``, in any order, in any unit of
-    their kind, or by the usual words in six languages; others are passed over. Rows are in
+    their kind, or by the usual words in six languages; other columns are ignored. Rows are in
     measuring order, from which a missing branch follows. Comments such as ``# range_nm = 2000`` may
     give the range, the side, the transducer's serial and the counter's identity; arguments take
     precedence over them. ``# reference_uncertainty = 0.02`` states U (k = 2) of the standard; see
     `CertifiedUncertainty.of_text`. ``# measured_on = 2026-03-31`` states the day, from which the
-    age of the calibration counts. ``# tared = true`` (or a column ``zero_nm``) states that the
-    readings count from the zero of their series.
+    age of the calibration counts. ``# tared = true`` (or a column ``zero_nm``) states that the zero
+    of their series is subtracted from the readings.
 
     Parameters
     ----------
     path : pathlib.Path or str
         The file; see `read_table`.
     range_nm : float, optional
-        Full scale in N·m; without it, that of the file, or the largest nominal torque or standard
-        value in it.
+        Full scale in N·m; by default that stated in the file, or its largest nominal torque or
+        standard value.
     both_directions : bool, default False
         Whether clockwise and counter-clockwise torque must both occur.
     side, transducer_serial, counter_identity : str
-        The chain, where the file doesn't name it or names it wrongly.
+        Identity of the chain, if the file doesn't state it or states it wrongly.
     remark : callable, optional
-        Called with a sentence for each of them that the file names differently.
+        Called with a sentence for each of them that the file states differently.
     mapping : sequence of str
         ``name=Header[unit]`` of columns that have other names; see `understand`.
     conversion : Conversion, optional
         From signals, forces and masses to torques.
     model : StoredModel, optional
-        The model that is used for it: its range counts, and a table of another transducer, counter,
+        Model to be used with it: its range is used, and a table of another transducer, counter,
         range or unit is refused.
     limits : Limits
 
@@ -439,7 +439,7 @@ def read_calibration_table(
         if value and remark is not None and noted != value:
             remark(
                 Message(
-                    "{path} says {name} = {noted}; {value} was given and is taken",
+                    "{path} states {name} = {noted}; the given {value} is used",
                     path,
                     name,
                     noted,
@@ -451,7 +451,7 @@ def read_calibration_table(
 
 
 def read_calibration(path: Path | str, **options: Any) -> CalibrationData:
-    """Return the calibration in a file; parameters and errors are `read_calibration_table`'s."""
+    """Return the calibration in a file; parameters and errors as in `read_calibration_table`."""
     return read_calibration_table(path, **options).data
 
 
@@ -470,9 +470,9 @@ def parse_calibration(
     ----------
     text : str
     origin : str
-        What messages call it.
+        Name of the text in messages.
     range_nm, transducer_serial, counter_identity
-        As of `read_calibration_table`.
+        As in `read_calibration_table`.
     isolated : bool
         Whether a process of its own reads it, as where a bench is commanded.
 
@@ -572,7 +572,7 @@ def calibration_of(
 def _check_sizes(
     table: Table, columns: TableColumns, reading: FloatArray, standard: FloatArray
 ) -> None:
-    """Ask where columns that were chosen by their words can't be of one torque."""
+    """Refuse columns, chosen by their words, whose sizes don't fit one torque."""
     chosen = columns.understood.columns
     largest = [float(np.max(np.abs(values))) for values in (reading, standard)]
     by_words = chosen["reading"].by_words or chosen["standard"].by_words
@@ -600,7 +600,7 @@ def _with_estimate(
     mapping: Sequence[str],
     conversion: Conversion | None,
 ) -> InputError:
-    """Return the refusal of signals without sensitivity, with the one that their table shows."""
+    """Return the error for signals without sensitivity; it states what their table shows."""
     signal = problem.signal
     if signal is None or (conversion is not None and conversion.sensitivity is not None):
         return problem
@@ -640,15 +640,15 @@ def _noted_scale(table: Table) -> ReadingScale | None:
 
 @dataclass(frozen=True, eq=False)
 class ReadingsTable:
-    """Readings to compensate, with all other cells of their file.
+    """Readings to be compensated, with all other cells of their file.
 
     Parameters
     ----------
     table : Table
-        The file's original cells, which compensation repeats.
+        Original cells of the file, which are written again with the result.
     names : TableColumns
     columns : mapping of str to array of float, shape (n,)
-        Columns out of `READING_COLUMNS` by name.
+        Columns in `READING_COLUMNS`, by name.
     branch : array of int8, shape (n,), or None
         +1, -1, or 0 where unknown.
     """
@@ -660,11 +660,11 @@ class ReadingsTable:
 
     @classmethod
     def of(cls, table: Table, names: TableColumns) -> ReadingsTable:
-        """Return the readings in a table, or in a piece of one."""
+        """Return the readings in a table, or in a piece of it."""
         read = {name: names.numbers(table, name) for name in READING_COLUMNS}
         numbers = {name: values for name, values in read.items() if values is not None}
         names.check_direction(table, numbers["reading_nm"])
-        names.series(table)  # refuses other than whole numbers
+        names.series(table)  # refuses values other than whole numbers
         return cls(table, names, numbers, names.branch(table))
 
     @property
@@ -686,8 +686,8 @@ class ReadingsTable:
         """Return the rows as readings of a measuring chain; see `readings_of_rows`.
 
         They are single readings, unless the file's comments state ``steady = true``. The length of
-        their windows is unknown, unless a comment states ``window_s``, and their day, unless one
-        states ``measured_on``.
+        their windows is unknown unless a comment states ``window_s``, and their day unless a
+        comment states ``measured_on``.
 
         Parameters
         ----------
@@ -716,11 +716,11 @@ class ReadingsTable:
 def read_readings(
     path: Path | str, mapping: Sequence[str] = (), conversion: Conversion | None = None
 ) -> ReadingsTable:
-    """Return the readings in a file, to be compensated.
+    """Return the readings to be compensated in a file.
 
     The file has a column ``reading_nm`` and optionally ``branch``, ``series``, ``speed_rpm``,
-    ``temperature_c`` and ``standard_error_nm``, by these names or the usual words; all others are
-    kept as they are.
+    ``temperature_c`` and ``standard_error_nm``, by these names or the usual words; all other
+    columns are kept unchanged.
 
     Raises
     ------
@@ -744,10 +744,10 @@ def read_empty_run(
     ----------
     path : pathlib.Path or str
     mapping : sequence of str
-        ``name=Header[unit]`` of columns that have other names; those whose header isn't in the
-        file are passed over, as they are another table's.
+        ``name=Header[unit]`` for columns with other names; headers that aren't in the file are
+        ignored, because they belong to another table.
     model : StoredModel, optional
-        As of `read_calibration_table`.
+        As in `read_calibration_table`.
 
     Raises
     ------
@@ -778,7 +778,7 @@ def read_empty_run(
 
 
 def maps_one(mapping: Sequence[str], first: Path, others: Sequence[Path]) -> list[str]:
-    """Return the mappings for a table, less those that name a header of another table only."""
+    """Return the mappings for a table, without those whose headers only other tables have."""
     tables = [read_table(path) for path in (first, *others)] if others and mapping else []
     return [
         text
@@ -797,7 +797,7 @@ def write_calibration(
     Parameters
     ----------
     path : pathlib.Path
-        File to write; it is written whole or not at all.
+        File to be written, atomically.
     data : CalibrationData
         The calibration.
     remarks : mapping of str to str, optional
@@ -922,7 +922,9 @@ def _range(table: Table, given: float | None, torque: NDArray[np.float64]) -> fl
         raise InputError(
             Message("{origin}: all standard values are 0 N·m", table.origin), "a loaded chain"
         )
-    return plainest(float(np.max(np.abs(torque))), 1e-3)  # a standard never shows it exactly
+    return plainest(
+        float(np.max(np.abs(torque))), 1e-3
+    )  # standards rarely show the exact full scale
 
 
 def _check_range(table: Table, name: str, values: NDArray[np.float64], range_nm: float) -> None:
@@ -945,10 +947,10 @@ def _check_range(table: Table, name: str, values: NDArray[np.float64], range_nm:
 
 
 def _check_duplicates(table: Table, data: CalibrationData) -> None:
-    """Refuse two points at one standard value of one series, branch, direction and position.
+    """Refuse two points at one standard value in one series, branch, direction and position.
 
-    A ramp recorded point by point repeats values, and so may a series at another speed or
-    temperature. A series in both directions passes zero several times.
+    Repeats are allowed in a ramp that is recorded point by point, in a series with several speeds
+    or temperatures, and at zero in a series in both directions.
     """
     if len(data) > _MOST_STEPS:
         return

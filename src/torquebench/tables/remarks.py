@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["UNCERTAINTY", "reference_in", "reference_remarks"]
 
 UNCERTAINTY = "reference_uncertainty"
-"""Comment with U (k = 2) of the standard, as `CertifiedUncertainty.of_text` reads it."""
+"""Comment with U (k = 2) of the standard, in the form of `CertifiedUncertainty.of_text`."""
 _NAME = "reference"
 _LIMITS = {
     "reference_temperature_percent": "temperature_of_torque",
@@ -24,7 +24,7 @@ _LIMITS = {
 
 
 def reference_remarks(reference: Reference | None) -> dict[str, str]:
-    """Return the comments that state a standard.
+    """Return comments that state a standard.
 
     Examples
     --------
@@ -48,7 +48,7 @@ def reference_remarks(reference: Reference | None) -> dict[str, str]:
 
 
 def reference_in(remarks: Mapping[str, str], range_nm: float, origin: str) -> Reference | None:
-    """Return the standard that a table's comments state; None without its uncertainty.
+    """Return the standard in a table's comments; None if they state no uncertainty.
 
     Parameters
     ----------
@@ -56,17 +56,17 @@ def reference_in(remarks: Mapping[str, str], range_nm: float, origin: str) -> Re
     range_nm : float
         Full scale of the table, N·m.
     origin : str
-        Of the table, for messages.
+        Name of the table in messages.
 
     Raises
     ------
     InputError
-        A comment that isn't an uncertainty.
+        A comment can't be parsed as an uncertainty.
     """
     stated = remarks.get(UNCERTAINTY)
     if stated is None:
         return None
-    from torquebench.chain import Reference  # heavy
+    from torquebench.chain import Reference  # imported late: it is heavy
     from torquebench.uncertainty import CertifiedUncertainty
 
     try:

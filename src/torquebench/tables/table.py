@@ -1,4 +1,4 @@
-"""A table in memory: named columns of cells, and the place of each cell in its file."""
+"""A table in memory: named columns of cells, and the position of each cell in its file."""
 
 from __future__ import annotations
 
@@ -40,25 +40,26 @@ class Table:
     Parameters
     ----------
     origin : str
-        Its file, with the sheet or group, for messages.
+        Name of the file, with the sheet or group, for messages.
     names : tuple of str
-        Names of the columns as the file writes them, with the units of a row below.
+        Names of the columns in the file, with units from a row below.
     cells : tuple of Cells
         A column of cells for each name.
     rows : sequence of int
-        Number of each row as the file counts, for messages.
+        Number of each row in the file, for messages.
     counted : str
-        What the file counts: "line" of a text, "row" of anything else.
+        What these numbers count: "line" in a text, otherwise "row".
     remarks : mapping of str to str
         Values of comments such as ``# range_nm = 20``, by their names in lower case.
     notes : tuple of str
-        What the reader passed over, in a line each.
+        Notes on contents that the reader ignored.
     separator : str
-        Of a text file.
+        Separator of a text file.
     quoted : bool
         Whether a cell may need quotation marks in a text with this separator.
     shared : dict
-        What the pieces of one file share: the first cell with each decimal mark, the first moment.
+        State that the pieces of one file share: the first cell with each decimal mark, the first
+        moment.
 
     Examples
     --------
@@ -83,11 +84,11 @@ class Table:
 
     @property
     def simulated(self) -> bool:
-        """Whether the file states that it was simulated."""
+        """Whether the file states that it is simulated."""
         return self.stated("simulated")
 
     def stated(self, name: str) -> bool:
-        """Return whether a comment states that something is so."""
+        """Return whether a comment of this name is true."""
         return self.remarks.get(name, "").lower() in ("true", "yes", "1")
 
     def column(self, name: str | int) -> Cells:
@@ -106,13 +107,13 @@ class Table:
         return name.casefold() in (each.casefold() for each in self.names)
 
     def listed(self) -> str:
-        """Return the names, for messages; of many, the first ones."""
+        """Return the names for messages; of many names, only the first ones."""
         more = len(self.names) - _MOST_LISTED
         listed = ", ".join(self.names[:_MOST_LISTED])
         return Message("{columns} and {count} more", listed, more) if more > 0 else listed
 
     def place(self, row: int, column: str) -> str:
-        """Return the place of a cell, for messages; `row` counts from 0."""
+        """Return the position of a cell for messages; `row` counts from 0."""
         return Message(
             "{origin}, {counted} {lines}, column {column}",
             self.origin,
@@ -131,8 +132,8 @@ class Table:
         Raises
         ------
         InputError
-            Naming the first cell that is empty, isn't a number or isn't finite, or whose decimal
-            mark is another one than that of an earlier cell.
+            With the first cell that is empty, isn't a number or isn't finite, or has another
+            decimal mark than an earlier cell.
         """
         index = self.index(name)
         cells, name = self.cells[index], self.names[index]
@@ -161,18 +162,18 @@ class Table:
         return np.asarray((ticks - start) * abs(per_s), dtype=np.float64)
 
     def has_moments(self, name: str | int) -> bool:
-        """Return whether a column holds moments or durations instead of numbers."""
+        """Return whether a column contains moments or durations instead of numbers."""
         return _moments(self.column(name)[:1]) is not None
 
     def meanings(
         self, name: str | int, meaning: Mapping[str, int], allowed: str
     ) -> NDArray[np.int8]:
-        """Return what the words of a column mean, shape (n,).
+        """Return the meanings of the words in a column, shape (n,).
 
         Raises
         ------
         InputError
-            Naming the first cell whose word means nothing.
+            With the first cell whose word has no meaning.
         """
         cells = self.column(name)
         places: NDArray[np.intp] | None = None
@@ -194,7 +195,7 @@ class Table:
         return np.asarray(found)
 
     def chosen(self, rows: NDArray[np.intp]) -> Table:
-        """Return the table with some of its rows."""
+        """Return the table with the selected rows."""
         cells = tuple(
             [column[row] for row in rows] if isinstance(column, list) else _taken(column, rows)
             for column in self.cells
@@ -203,7 +204,7 @@ class Table:
 
     @staticmethod
     def joined(pieces: Sequence[Table]) -> Table:
-        """Return the table of which these are the pieces, in order."""
+        """Join the pieces of a table, in order."""
         if len(pieces) == 1:
             return pieces[0]
         columns = zip(*(piece.cells for piece in pieces), strict=True)
@@ -211,7 +212,7 @@ class Table:
         return replace(pieces[0], cells=tuple(map(_joined, columns)), rows=rows)
 
     def _of_arrow(self, cells: Any, name: str) -> NDArray[np.float64] | list[str]:
-        """Return an Arrow column as numbers, or as texts of which not all are plain numbers."""
+        """Return an Arrow column as numbers, or as texts if some aren't plain numbers."""
         import pyarrow as pa
         import pyarrow.compute as pc
 
@@ -232,7 +233,7 @@ class Table:
         return numbers_of(pc.cast(cells, pa.float64())).astype(np.float64, copy=False)
 
     def _of_arrow_texts(self, cells: Any, name: str) -> NDArray[np.float64] | list[str]:
-        """Return plain numbers of one decimal mark, or the texts where any is other."""
+        """Return plain numbers with one decimal mark, or the texts if any isn't such a number."""
         import pyarrow as pa
         import pyarrow.compute as pc
 
@@ -253,7 +254,7 @@ class Table:
         return _texts(cells)
 
     def _remember_first(self, cells: Any, name: str) -> None:
-        """Remember the decimal marks of the first column of texts that has one."""
+        """Record the decimal marks in the first column of texts that has one."""
         import pyarrow.compute as pc
 
         for mark in ",.":
@@ -261,7 +262,7 @@ class Table:
             first = pc.index(marked, True).as_py()
             if first >= 0:
                 self.shared[mark] = f"{cells[first].as_py().strip()!r} in {self.place(first, name)}"
-                if not pc.all(marked).as_py():  # perhaps the mark of thousands
+                if not pc.all(marked).as_py():  # it may be a thousands separator
                     self._check_thousands([text.strip() for text in cells.to_pylist()], name)
 
     def _of_texts(self, cells: list[str], name: str) -> NDArray[np.float64]:
@@ -303,7 +304,7 @@ class Table:
         )
 
     def _remember(self, mark: str, cells: list[str], name: str) -> None:
-        """Remember a decimal mark; refuse one that isn't that of earlier cells."""
+        """Record a decimal mark; refuse one that differs from that of earlier cells."""
         other = "." if mark == "," else ","
         if mark in self.shared and other not in self.shared:
             return
@@ -321,7 +322,7 @@ class Table:
             )
 
     def _check_thousands(self, cells: list[str], name: str) -> None:
-        """Refuse 1,200 after 980: a mark before three digits, where larger numbers have none."""
+        """Refuse 1,200 after 980: a mark before three digits, if larger numbers have none."""
         marked = [row for row, cell in enumerate(cells) if "," in cell or "." in cell]
         if not marked or len(marked) == len(cells):
             return
@@ -347,7 +348,7 @@ def _taken(column: Any, rows: NDArray[np.intp]) -> Any:
 
 
 def _joined(parts: Sequence[Any]) -> Cells:
-    """Return the cells of a column in several pieces."""
+    """Join the cells of a column from several pieces."""
     if all(isinstance(part, np.ndarray) for part in parts):
         return np.concatenate(parts)
     if all(isinstance(part, list) for part in parts):
@@ -362,7 +363,7 @@ def _joined(parts: Sequence[Any]) -> Cells:
 
 
 def _texts(cells: Cells) -> list[str]:
-    """Return cells as text, whole numbers without a decimal point: they may be words for branches.
+    """Return cells as text, whole numbers without decimal point, because they may be branches.
 
     >>> _texts(np.array([1.0, 0.1, np.nan]))
     ['1', '0.1', '']
@@ -382,7 +383,7 @@ def _text(value: Any) -> str:
 
 
 def _words_of(kind: Any) -> str:
-    """Return what a column of an Arrow type holds, in words."""
+    """Return the content of an Arrow type in words."""
     import pyarrow as pa
 
     words: tuple[tuple[Callable[[Any], bool], str], ...] = (
@@ -397,9 +398,9 @@ def _words_of(kind: Any) -> str:
 
 
 def numbers_of(column: Any) -> NDArray[Any]:
-    """Return an Arrow column of numbers as NumPy has it, NaN where it has no value.
+    """Return an Arrow column of numbers as a NumPy array, with NaN for missing values.
 
-    `to_numpy` imports pandas if there is one, which takes longer than a file of 10⁶ rows.
+    `to_numpy` would import pandas if it is installed, which takes longer than reading 10⁶ rows.
     """
     import pyarrow as pa
 
@@ -430,7 +431,7 @@ def strings_of(cells: Sequence[str]) -> Any:
 
 
 def _moments(cells: Cells) -> tuple[NDArray[Any], float] | None:
-    """Return ticks of moments and s of a tick, negative for durations; None if it holds neither."""
+    """Return the ticks of moments and the tick in s, negative for durations; None for others."""
     if isinstance(cells, list):
         return _moments_of_texts(cells)
     if isinstance(cells, np.ndarray):
@@ -451,7 +452,7 @@ def _moments(cells: Cells) -> tuple[NDArray[Any], float] | None:
 
 
 def _moments_of_texts(cells: list[str]) -> tuple[NDArray[Any], float] | None:
-    """Return texts such as 2024-07-11 15:51:51.25 in µs; None if one is none."""
+    """Return texts such as 2024-07-11 15:51:51.25 as µs; None if one can't be parsed."""
     if not cells or not _MOMENT.match(cells[0].strip()):
         return None
     from datetime import UTC, datetime, timedelta
@@ -470,7 +471,7 @@ def _moments_of_texts(cells: list[str]) -> tuple[NDArray[Any], float] | None:
 
 
 def what_number(text: str) -> tuple[str, str]:
-    """Return what is allowed in the place of a text that isn't a number, and what to do.
+    """Return the allowed value and the remedy for a text that isn't a number.
 
     >>> what_number("#REF!")[0]
     "a number: this is a spreadsheet's error"

@@ -1,7 +1,7 @@
-"""Units as people write them: what they measure, and how they convert.
+"""Units as people write them: their quantities and conversions.
 
 Prefixes are case-sensitive: ``mN·m`` is a thousandth, ``MN·m`` a million. Other letters may have
-any case where that leaves one meaning.
+any case if the unit stays unambiguous.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 STANDARD_GRAVITY = 9.80665
-"""Standard acceleration of free fall, m/s², by the third CGPM: that of kgf, gf, lbf and ozf."""
+"""Standard acceleration of free fall, m/s² (third CGPM), for kgf, gf, lbf and ozf."""
 _POUND = 0.45359237
 """One avoirdupois pound, kg, by definition."""
 _OUNCE = _POUND / 16.0
@@ -59,7 +59,7 @@ BASE = {
     "frequency": "Hz",
     "counts": "counts",
 }
-"""Unit that values of each kind are converted to."""
+"""Base unit to which values of each kind are converted."""
 SIGNALS = ("bridge", "voltage", "current", "frequency", "counts")
 """Kinds of a transducer's electrical signal."""
 
@@ -71,7 +71,7 @@ class Unit:
     Parameters
     ----------
     symbol : str
-        As it is printed.
+        Printed symbol.
     kind : str
         A key of `BASE`.
     factor, offset : float
@@ -92,7 +92,7 @@ _FORCES: dict[str, tuple[str, float]] = {
     **dict.fromkeys(("gf", "p", "g"), ("gf", 1e-3 * STANDARD_GRAVITY)),
     "dyn": ("dyn", 1e-5),
 }
-"""Symbol and N of each spelling, inside a torque: there, kg and lb are forces."""
+"""Symbol and newtons of each spelling of a force within a torque, where kg and lb are forces."""
 _LENGTHS: dict[str, tuple[str, float]] = {
     "m": ("m", 1.0),
     "dm": ("dm", 0.1),
@@ -103,7 +103,7 @@ _LENGTHS: dict[str, tuple[str, float]] = {
     **dict.fromkeys(("ft", "foot", "feet"), ("ft", _FOOT)),
 }
 _REVERSED = {"lbf", "ozf", "kgf"}
-"""Forces that are also written behind the length: ft-lb, in-oz, m-kg."""
+"""Forces that are also written after the length: ft-lb, in-oz, m-kg."""
 _TORQUE_WORDS = {
     "newtonmetre": 1.0,
     "newtonmetres": 1.0,
@@ -235,7 +235,7 @@ _TEMPERATURES = {
 _AMBIGUOUS = {
     ("angle", "grad"): (Unit("°", "angle", DEGREE), Unit("gon", "angle", DEGREE * 0.9)),
 }
-"""German Grad is a degree, the English grad is a gon."""
+"""Units with the same spelling in two languages: German Grad is a degree, English grad is a gon."""
 
 _SIGNS = str.maketrans(
     {"º": "°", "˚": "°", "″": '"', "′": "'", "’": "'", "”": '"', "µ": "μ", "−": "-", "⁻": "-"}
@@ -279,7 +279,7 @@ def _spellings(kind: str) -> dict[str, Unit]:
 
 @cache
 def _folded(kind: str) -> dict[str, tuple[Unit, ...]]:
-    """Return the units of each spelling without regard to case."""
+    """Return the units of each spelling, regardless of case."""
     found: dict[str, dict[float, Unit]] = {}
     for spelling, unit in _spellings(kind).items():
         found.setdefault(spelling.casefold(), {}).setdefault(unit.factor, unit)
@@ -287,7 +287,7 @@ def _folded(kind: str) -> dict[str, tuple[Unit, ...]]:
 
 
 def units_named(text: str, kind: str) -> tuple[Unit, ...]:
-    """Return the units of a kind that a text may name: none, one, or several if it is ambiguous.
+    """Return the units of a kind that a text may mean: none, one, or several.
 
     Examples
     --------
@@ -308,14 +308,14 @@ def units_named(text: str, kind: str) -> tuple[Unit, ...]:
         return (exact,)
     units = _folded(kind).get(spelling.casefold(), ())
     if len(units) > 1 and spelling != spelling.upper():
-        # the case of the first letter is meant: "mnm" of a column's name is mN·m
+        # the case of the first letter counts: "mnm" in a column's name is mN·m
         first = [unit for unit in units if unit.symbol[0] == spelling[0]]
         units = tuple(first) or units
     return units
 
 
 def unit_named(text: str, kind: str) -> Unit | None:
-    """Return the unit of a kind that a text names; None if it names none, or several.
+    """Return the unit of a kind that a text means; None if there is none, or more than one.
 
     Examples
     --------
@@ -329,7 +329,7 @@ def unit_named(text: str, kind: str) -> Unit | None:
 
 
 def kinds_of(text: str) -> tuple[str, ...]:
-    """Return the kinds of which a text names a unit.
+    """Return the kinds of which a text is a unit.
 
     Examples
     --------

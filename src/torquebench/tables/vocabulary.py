@@ -1,8 +1,9 @@
-"""What the words of a column's name mean, in six languages and in the words of the trade.
+"""Meanings of the words in a column's name, in six languages and in technical terms.
 
-English, German, Chinese, French, Spanish and Japanese. A name is understood if every word of it
-is: "Reference torque (N·m)", "Bezugsdrehmoment", "标准扭矩值", "couple de référence". A single word
-that isn't known leaves the whole name not understood, because a guess would be silent.
+The languages are English, German, Chinese, French, Spanish and Japanese. A name is understood if
+all its words are known: "Reference torque (N·m)", "Bezugsdrehmoment", "标准扭矩值", "couple de
+référence". With a single unknown word, the whole name isn't understood, because a wrong guess would
+go unnoticed.
 """
 
 from __future__ import annotations
@@ -92,7 +93,7 @@ _WORDS: Mapping[str, str] = {
         de la le du l el del en d
         的 の cell torsor angular rotary shaft welle""",
 }
-"""Words by what they mean; without a meaning, words that a name may have besides."""
+"""Words by their meaning; those without a meaning may occur in any name."""
 _PHRASES: Mapping[str, str] = {
     "load direction": "branch",
     "loading direction": "branch",
@@ -122,7 +123,7 @@ BRANCH = "branch"
 _CONTENT: Mapping[str, tuple[frozenset[str], frozenset[str], frozenset[str]]] = {
     quantity: (frozenset(must.split()), frozenset(may.split()), frozenset(loose.split()))
     for quantity, must, may, loose in (
-        # quantity, words that its name must have, may have, and may have where no name is closer
+        # quantity; words that its name must have; may have; and may have if no name fits better
         ("reading", "reading", "torque", ""),
         ("standard", "standard", "torque reading force mass", ""),
         ("nominal", "nominal", "torque force", ""),
@@ -152,7 +153,7 @@ _CONTENT: Mapping[str, tuple[frozenset[str], frozenset[str], frozenset[str]]] = 
 
 
 def _plain(text: str) -> str:
-    """Return a text without case, accents and the joints of its words.
+    """Return a text without case, accents and connections between words.
 
     >>> _plain("Référence_Couple"), _plain("AppliedTorque")
     ('reference couple', 'applied torque')
@@ -171,7 +172,7 @@ def _vocabulary() -> tuple[dict[str, str], dict[str, str]]:
 
 @cache
 def meanings(stem: str) -> frozenset[str] | None:
-    """Return what the words of a name mean; None if one isn't known, or none means anything.
+    """Return the meanings of the words in a name; None if a word is unknown, or none has a meaning.
 
     Examples
     --------
@@ -190,7 +191,7 @@ def meanings(stem: str) -> frozenset[str] | None:
             found.add(phrases[phrase])
             plain = f" {plain} ".replace(f" {phrase} ", " ").strip()
     tokens = plain.split()
-    if tokens[:1] == ["std"]:  # behind other words it is a standard deviation
+    if tokens[:1] == ["std"]:  # after other words it means a standard deviation
         found.add("standard")
         tokens = tokens[1:]
     for token in tokens:
@@ -203,7 +204,7 @@ def meanings(stem: str) -> frozenset[str] | None:
 
 @cache
 def _parts(token: str) -> tuple[str, ...] | None:
-    """Return the words that a compound such as Referenzmoment or 标准扭矩值 is made of."""
+    """Return the words in a compound such as Referenzmoment or 标准扭矩值."""
     words, _ = _vocabulary()
     if token in words:
         return (token,)
@@ -220,7 +221,7 @@ def _parts(token: str) -> tuple[str, ...] | None:
 
 
 def matches(found: frozenset[str], quantity: str, kind: str) -> int:
-    """Return how well a name's meanings fit a quantity: 2 well, 1 loosely, 0 not.
+    """Return how well a name's meanings fit a quantity: 2 well, 1 loosely, 0 not at all.
 
     Examples
     --------

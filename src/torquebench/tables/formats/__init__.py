@@ -1,8 +1,8 @@
-"""Formats of tables: a file each, which reads and writes.
+"""Formats of tables: one file for each format, which reads and writes it.
 
-A module here is a format. It defines `FORMAT`, and imports the package that knows the format where
-a table is opened or written, so that a list of endings stays quick. Everything but text is read in
-a process of its own (`torquebench.tables.isolated`).
+Each module here is a format. It defines `FORMAT`, and imports the format's package only when a
+table is opened or written, so that endings can be listed quickly. All formats except text are read
+in a separate process (`torquebench.tables.isolated`).
 """
 
 from __future__ import annotations
@@ -47,24 +47,24 @@ __all__ = [
 
 @dataclass(frozen=True)
 class OpenedTable:
-    """An opened table: what its file says of it, and its rows in batches.
+    """An opened table: its schema and remarks, and its rows in batches.
 
     Parameters
     ----------
     schema : pyarrow.Schema
         Columns; units in the fields' metadata, remarks in the schema's.
     batches : callable
-        Yields record batches of at most so many rows.
+        Function that yields record batches of at most a given number of rows.
     rows : int or None
-        Number of rows, where the file states it.
+        Number of rows, if the file states it.
     before : int
-        Rows of the file before the first.
+        Number of rows in the file before the first one of the table.
     part : str
-        Sheet or group that was chosen, where the file has several.
+        Chosen sheet or group, if the file has several.
     notes : tuple of str
-        What was passed over.
+        Notes on ignored contents.
     numbered : bool
-        Whether the last column holds the number of each row.
+        Whether the last column contains the number of each row.
     counted, separator : str
         As of a `Table`.
     """
@@ -98,20 +98,20 @@ class Format:
     ----------
     name : str
     title : str
-        For messages, with its usual endings.
+        Title for messages, with the usual endings.
     endings : tuple of str
         Of file names.
     open : callable
         Opens a file, of which a sheet or group may be chosen; the `ExitStack` closes it.
     begins : tuple of bytes
-        How the content of such a file begins.
+        First bytes of such a file.
     package, extra : str
-        Package that knows the format, and the extra that installs it.
+        Package for the format, and the extra that installs it.
     writer : callable, optional
         Returns a `TableWriter` by binary file, schema (with units and descriptions of the fields)
         and remarks; `separator` and `decimal` are those of a text.
     parts : str
-        What a file has several of, such as "sheet".
+        Name of a file's parts, such as "sheet".
     """
 
     name: str
@@ -162,7 +162,7 @@ def format_of(path: Path) -> Format | None:
 
 
 def format_of_content(path: Path, head: bytes) -> Format:
-    """Return the format of a file by its first bytes, or else by its name; text without either."""
+    """Return the format of a file by its first bytes, else by its name, else text."""
     text = formats()[0]
     for each in formats():
         if any(head.startswith(begin) for begin in each.begins):
@@ -173,7 +173,7 @@ def format_of_content(path: Path, head: bytes) -> Format:
 
 
 def split_part(path: Path) -> tuple[Path, str]:
-    """Return a file, and which sheet or group of it is meant by ``FILE#PART``.
+    """Return the file and the sheet or group in ``FILE#PART``.
 
     Examples
     --------
@@ -190,7 +190,7 @@ def split_part(path: Path) -> tuple[Path, str]:
 
 
 def check_read(path: Path) -> None:
-    """Refuse a file whose ending names no format that is read.
+    """Refuse a file whose ending isn't that of a readable format.
 
     Raises
     ------
@@ -216,7 +216,7 @@ def check_kept(path: Path) -> None:
 
 
 def check_written(path: Path) -> None:
-    """Refuse a file whose ending names no format that is written, before any work is done for it.
+    """Refuse a file whose ending isn't that of a writable format, before any work is done.
 
     Raises
     ------
@@ -280,7 +280,7 @@ def chosen_part(path: Path, part: str, parts: Mapping[str, Sequence[str]], calle
     Raises
     ------
     InputError
-        There is none, none of that name, or several and none is named.
+        There is none, none of that name, or several without a choice.
     """
     if not parts:
         raise InputError(
@@ -315,7 +315,7 @@ def chosen_part(path: Path, part: str, parts: Mapping[str, Sequence[str]], calle
 ROW = "row number"
 """Name of the last column of a numbered table."""
 Channel = tuple[str, str, Callable[[int, int], Any]]
-"""Name and unit of a channel, and a function that reads so many values from a first one."""
+"""Name and unit of a channel, and a function that reads a number of values from an index on."""
 
 
 def table_schema(

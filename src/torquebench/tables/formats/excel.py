@@ -21,9 +21,9 @@ from torquebench.tables.layout import HEAD_ROWS, find_layout
 __all__ = ["FORMAT"]
 
 MOST_EXPANDED = 256 << 20
-"""Most bytes of a workbook's parts together."""
+"""Largest size of a workbook's uncompressed parts together, B."""
 MOST_CELLS = 4_000_000
-"""Most cells between the first and the last of a sheet."""
+"""Largest number of cells between the first and the last cell of a sheet."""
 _ZIP = b"PK\x03\x04"
 _OLE = b"\xd0\xcf\x11\xe0"
 _COMMENT = re.compile(r"#\s*([A-Za-z_][A-Za-z0-9_]*)\s*[=:](.*)")
@@ -73,7 +73,7 @@ def _open(path: Path, part: str, _: ExitStack) -> OpenedTable:
 
 
 def _check_expanded(path: Path) -> None:
-    """Refuse a workbook whose compressed parts are larger than what can be read."""
+    """Refuse a workbook whose uncompressed parts are too large."""
     if not zipfile.is_zipfile(path):
         return
     with zipfile.ZipFile(path) as book:
@@ -108,7 +108,7 @@ def _check_size(path: Path, sheet: str, height: int, width: int) -> None:
 
 
 def _with_errors(rows: list[list[Any]], path: Path, sheet: str) -> list[list[Any]]:
-    """Return a sheet's rows with the errors of its cells, which are read as empty, as text."""
+    """Return a sheet's rows with error values as text, which the reader leaves empty."""
     if all(cell != "" for row in rows for cell in row):
         return rows
     for (row, column), text in _cell_errors(path, sheet).items():
@@ -143,9 +143,9 @@ _LONGEST_MARK = 32
 
 
 def _cell_errors(path: Path, sheet: str) -> dict[tuple[int, int], str]:
-    """Return the errors that the cells of a sheet hold, by row and column from 0.
+    """Return the errors in the cells of a sheet, by row and column from 0.
 
-    Of .xlsx, .xlsm and .ods; the binary formats (.xls, .xlsb) have none here.
+    Errors are found in .xlsx, .xlsm and .ods, but not in the binary formats (.xls, .xlsb).
     """
     kind = path.suffix.lower()
     if kind not in (".xlsx", ".xlsm", ".ods"):
@@ -162,7 +162,7 @@ def _cell_errors(path: Path, sheet: str) -> dict[tuple[int, int], str]:
 
 
 def _has_errors(content: IO[bytes]) -> bool:
-    """Return whether a sheet's text marks an error; parsing large sheets takes seconds."""
+    """Return whether a sheet's text contains an error value, without slowly parsing it."""
     kept = b""
     while piece := content.read(1 << 20):
         if _MARK.search(kept + piece):
@@ -176,7 +176,7 @@ def _name(element: ElementTree.Element) -> str:
 
 
 def _attribute(element: ElementTree.Element, name: str, space: str = "") -> str:
-    """Return an attribute by its name without the namespace, of which versions have several."""
+    """Return an attribute by its name without namespace, because versions have different ones."""
     for key, value in element.attrib.items():
         if key.rpartition("}")[2] == name and space in key:
             return value
@@ -184,7 +184,7 @@ def _attribute(element: ElementTree.Element, name: str, space: str = "") -> str:
 
 
 def _part_of(book: zipfile.ZipFile, sheet: str) -> str:
-    """Return the file inside an .xlsx with a sheet's cells, or ""."""
+    """Return the name of the part of an .xlsx with a sheet's cells, or ""."""
     names = book.namelist()
     workbook, relations = "xl/workbook.xml", "xl/_rels/workbook.xml.rels"
     if workbook not in names or relations not in names:
@@ -218,7 +218,7 @@ def _of_sheet(content: IO[bytes]) -> Iterator[tuple[tuple[int, int], str]]:
 
 
 def _column(place: str) -> int:
-    """Return the column of a cell's name.
+    """Return the column number of a cell's name.
 
     >>> _column("A4"), _column("AB12")
     (0, 27)

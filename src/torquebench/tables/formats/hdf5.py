@@ -19,7 +19,7 @@ from torquebench.tables.formats import (
 __all__ = ["FORMAT", "columns_of_file"]
 
 MOST_COLUMNS = 256
-"""Columns of a matrix that may be a table."""
+"""Largest number of columns of a matrix that may be a table."""
 _CHUNK = 65_536
 
 
@@ -43,7 +43,7 @@ def columns_of_file(
     transposed : bool
         Whether matrices are stored by columns, as MATLAB writes them.
     hidden : str
-        Groups whose names begin with it are another program's own.
+        Prefix of internal groups of another program.
     """
     import h5py
 
@@ -92,7 +92,7 @@ _MATLAB_ONLY = ("cell", "function_handle", "table", "timetable", "datetime", "st
 
 
 def _matlab_class(item: Any) -> str:
-    """Return the class that MATLAB 7.3 gives a variable: its texts are arrays of numbers."""
+    """Return the class of a MATLAB 7.3 variable: texts are stored as arrays of numbers."""
     name = item.attrs.get("MATLAB_class", b"")
     return name.decode("ascii", "replace") if isinstance(name, bytes) else str(name)
 
@@ -110,7 +110,7 @@ class _Column:
 
 
 def _columns(name: str, data: Any, transposed: bool) -> dict[str, Any]:
-    """Return a data set as a column, or as one for each column of a matrix."""
+    """Return a data set as one column, or as a column for each column of a matrix."""
     if data.ndim == 1 or 1 in data.shape:
         return {name: data}
     count = data.shape[0 if transposed else 1]
@@ -124,7 +124,7 @@ def _size(data: Any) -> int:
 
 
 def _slices(data: Any) -> Callable[[int, int], Any]:
-    """Return a reader of parts of a data set, by rows or by columns (as written by MATLAB)."""
+    """Return a function that reads parts of a data set, by rows or by columns (MATLAB)."""
     shape = getattr(data, "shape", (0,))
     if len(shape) == 2 and shape[0] == 1:
         return lambda start, count: data[0, start : start + count]
@@ -140,7 +140,7 @@ def _unit(data: Any) -> str:
 
 
 class _Writer:
-    """Writes a data set a column, with unit and description, into the group `samples`."""
+    """Writer of one data set for each column, with unit and description, in the group `samples`."""
 
     def __init__(self, file: IO[bytes], schema: Any, remarks: Mapping[str, str], **_: str) -> None:
         import h5py

@@ -22,7 +22,7 @@ __all__ = ["FORMAT"]
 
 _HDF5 = b"\x89HDF"
 _OBJECTS = ("None", "__function_workspace__")
-"""Names by which SciPy gives objects, such as timetables, which only MATLAB can read."""
+"""Names under which SciPy returns objects, such as timetables, which only MATLAB can read."""
 
 
 def _open(path: Path, part: str, opened: ExitStack) -> OpenedTable:
@@ -78,7 +78,7 @@ def _sort(
     remarks: dict[str, str],
     unused: list[str],
 ) -> None:
-    """Put a variable where it belongs: columns, remarks, or the columns of a structure."""
+    """Assign a variable to columns, to remarks, or to the columns of a structure."""
     if value.dtype.names and value.size == 1:
         for field in value.dtype.names:
             inner = value[field].item()
@@ -91,7 +91,7 @@ def _sort(
 
 
 def _sort_array(name: str, value: Any, columns: dict[str, Any], remarks: dict[str, str]) -> bool:
-    """Take an array as columns or as a remark; return whether it is one."""
+    """Use an array as columns or as a remark; return whether it is suitable."""
     kind = value.dtype.kind
     if (kind in "US" and value.size == 1) or (kind in "iufb" and value.size == 1):
         remarks[name] = str(value.item())
@@ -125,14 +125,14 @@ def _open_hdf5(path: Path, part: str, opened: ExitStack) -> OpenedTable:
 
 
 class _Writer:
-    """Writes version 5 with an array a column; the whole table is kept until the end."""
+    """Writer of version 5, one array for each column; it keeps the table in memory."""
 
     def __init__(self, file: IO[bytes], schema: Any, remarks: Mapping[str, str], **_: str) -> None:
         self._file, self._schema, self._remarks = file, schema, remarks
         self._batches: list[Any] = []
 
     def write(self, batch: Any) -> None:
-        """Keep rows."""
+        """Store rows."""
         import pyarrow as pa
 
         self._batches.append(batch if isinstance(batch, pa.Table) else pa.table(batch))

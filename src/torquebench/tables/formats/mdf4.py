@@ -81,14 +81,14 @@ def _remarks(comment: str) -> dict[str, str]:
 
 
 class _Writer:
-    """Writes one channel group with the time as its master; the table is kept until the end."""
+    """Writer of one channel group with the time as master; it keeps the table in memory."""
 
     def __init__(self, file: IO[bytes], schema: Any, remarks: Mapping[str, str], **_: str) -> None:
         self._file, self._schema, self._remarks = file, schema, remarks
         self._batches: list[Any] = []
 
     def write(self, batch: Any) -> None:
-        """Keep rows."""
+        """Store rows."""
         import pyarrow as pa
 
         self._batches.append(batch if isinstance(batch, pa.Table) else pa.table(batch))

@@ -11,10 +11,10 @@ from torquebench.tables.formats import Format, OpenedTable
 
 __all__ = ["FORMAT"]
 
-_GROUP_ROWS = 1 << 18  # rows of a row group: while one is written, threads compute the next
+_GROUP_ROWS = 1 << 18  # rows of a group; while one is written, threads calculate the next
 _LOOKED_AT_ROWS = 10_000
 _FOREIGN = (b"ARROW:schema", b"pandas", b"org.apache.spark.sql.parquet.row.metadata")
-"""Metadata of other programs, which aren't remarks."""
+"""Metadata keys of other programs, which aren't remarks."""
 
 
 def _open(path: Path, _: str, opened: ExitStack) -> OpenedTable:
@@ -34,7 +34,7 @@ def _open(path: Path, _: str, opened: ExitStack) -> OpenedTable:
 
 
 class _Writer:
-    """Writes row groups; text that holds numbers stays text."""
+    """Writer of row groups; text that contains numbers stays text."""
 
     def __init__(self, file: IO[bytes], schema: Any, remarks: Mapping[str, str], **_: str) -> None:
         self._file = file
@@ -56,7 +56,7 @@ class _Writer:
         tables = [each if isinstance(each, pa.Table) else pa.table(each) for each in self._waiting]
         group = pa.concat_tables(tables).cast(self._schema)
         if self._writer is None:
-            # where values hardly repeat, a dictionary costs time and saves nothing
+            # if values hardly repeat, a dictionary takes time and saves nothing
             first = group.slice(0, _LOOKED_AT_ROWS)
             repeating = [
                 name

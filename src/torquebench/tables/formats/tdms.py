@@ -49,14 +49,14 @@ def _is_time(name: str) -> bool:
 
 
 def _even_times(start: float, step: float) -> Callable[[int, int], Any]:
-    """Return the times of a waveform, for which TDMS states a step."""
+    """Return the times of a waveform, for which TDMS only states a step."""
     import numpy as np
 
     return lambda first, count: start + step * np.arange(first, first + count)
 
 
 class _Writer:
-    """Writes a channel a column, with unit and description, into the group `samples`."""
+    """Writer of one channel for each column, with unit and description, in the group `samples`."""
 
     def __init__(self, file: IO[bytes], schema: Any, remarks: Mapping[str, str], **_: str) -> None:
         from nptdms import GroupObject, RootObject, TdmsWriter
@@ -82,7 +82,7 @@ class _Writer:
             except (TypeError, NotImplementedError):
                 values = np.array([])
             if values.dtype == np.bool_:
-                # TDMS has no boolean of one byte that every reader supports
+                # TDMS has no one-byte boolean that every reader supports
                 values = values.astype(np.uint8)
             if values.dtype.kind not in "iuf":
                 values = np.array([str(value or "") for value in column.to_pylist()])

@@ -1,6 +1,6 @@
 """Text: CSV in common dialects, with separators, decimal marks, comments and line numbers.
 
-A small file is read without any package; of a large one, plain pieces are read by Arrow.
+A small file is read without any package; plain pieces of a large file are read by Arrow.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _SEPARATOR_NAMES = {
     " ": "blank",
 }
 _ENDS = ("eof", "end", "[eof]", "end of file", "end of data")
-"""Last lines of some programs."""
+"""Last lines that some programs write after a table."""
 _SEPARATOR_LINE = re.compile(r'"?sep=(.|\\t)?"?', re.IGNORECASE)
 _COMMENT = re.compile(r"#\s*([A-Za-z_][A-Za-z0-9_]*)\s*[=:](.*)")
 _SPREADSHEET_ERROR = re.compile(r'"?#(N/A|NV|[A-ZÄÖÜ0-9/]+[!?])')
@@ -50,15 +50,15 @@ _NOTHING = re.compile(rb"(?:[ \t\r]*+(?:#[ \t][^\n]*+)?+\n)*+[ \t\r]*+")
 """Lines without a cell."""
 _NUMERIC = re.compile(r"[-+]?[0-9.,]+(?:[eE][-+]?[0-9]+)?")
 _COMPRESSED = (b"\x1f\x8b", b"BZh91AY", b"\xfd7zXZ\0", b"\x28\xb5\x2f\xfd", b"7z\xbc\xaf")
-"""Beginnings of gzip, bzip2, xz, Zstandard and 7-Zip."""
+"""First bytes of gzip, bzip2, xz, Zstandard and 7-Zip."""
 _MINUS = str.maketrans({"\N{MINUS SIGN}": "-", "\N{NO-BREAK SPACE}": " "})
 
 
 def text_encoding(content: bytes, origin: str) -> str:
-    """Return the encoding of the beginning of a text file.
+    """Return the encoding of a text file from its first bytes.
 
     UTF-8, or UTF-16 with a byte order mark or with the zero bytes of its digits; otherwise GB 18030
-    if all non-ASCII bytes form Chinese characters, and Windows-1252 (Latin-1 and more) if not.
+    if all non-ASCII bytes form Chinese characters, else Windows-1252 (an extended Latin-1).
 
     Raises
     ------
@@ -105,7 +105,7 @@ def decode_text(content: bytes, origin: str) -> str:
     Raises
     ------
     InputError
-        Naming the line that isn't text.
+        With the line that isn't text.
     """
     encoding = text_encoding(content, origin)
     try:
@@ -130,7 +130,7 @@ def _no_text(content: bytes, error: UnicodeDecodeError, encoding: str, origin: s
 
 
 def remarks_in(text: str) -> Iterator[tuple[str, str]]:
-    """Yield names, in lower case, and values of a table's comments."""
+    """Yield names, in lower case, and values in a table's comments."""
     for line in text.splitlines():
         match = _COMMENT.match(line.strip())
         if match:
@@ -138,7 +138,7 @@ def remarks_in(text: str) -> Iterator[tuple[str, str]]:
 
 
 def is_comment(line: str) -> bool:
-    """Return whether a line is a comment; a spreadsheet's error such as ``#DIV/0!`` isn't."""
+    """Return whether a line is a comment; a spreadsheet error such as ``#DIV/0!`` isn't."""
     line = line.lstrip()
     return line.startswith("#") and _SPREADSHEET_ERROR.match(line) is None
 
@@ -162,17 +162,17 @@ def parse_text(text: str, origin: str) -> Table:
 
 
 class TextFile:
-    """A text file in pieces of whole lines.
+    """A text file, read in pieces of complete lines.
 
     Parameters
     ----------
     origin : str
-        Its name in messages.
+        Name of the file in messages.
     file : binary file
     size : int
-        Its bytes; 0 where that isn't known.
+        Size of the file, B; 0 if unknown.
     most : int, optional
-        Most bytes that are read.
+        Largest number of bytes that are read.
     """
 
     def __init__(self, origin: str, file: IO[bytes], size: int, most: int | None = None) -> None:
@@ -208,7 +208,7 @@ class TextFile:
         return bytes(content)
 
     def _text(self, raw: bytes, *, start: bool = False) -> bytes:
-        """Return bytes of the file in UTF-8 with line feeds."""
+        """Return bytes of the file, converted to UTF-8 with line feeds."""
         if not self._plain:
             try:
                 raw = self._decoder.decode(raw, final=self._ended).encode()
@@ -219,7 +219,7 @@ class TextFile:
         return raw.replace(b"\r", b"\n") if self._old_ends else raw
 
     def _begin(self) -> None:
-        """Find the header, and leave the lines behind it."""
+        """Find the header, and keep the lines after it as unread."""
         while not self._ended and not _end_of_lines(self._rest):
             self._lengthen()
         content = self._rest if self._ended else self._rest[: _end_of_lines(self._rest)]
@@ -233,7 +233,7 @@ class TextFile:
                 comment = line if is_comment(line) and not head else comment
                 continue
             if not head and _SEPARATOR_LINE.fullmatch(line.strip()):
-                lines[number - 1] = ""  # written and removed by spreadsheets themselves
+                lines[number - 1] = ""  # a line that spreadsheets write and remove themselves
                 continue
             head.append((number, line))
             if len(head) == HEAD_ROWS:
@@ -243,7 +243,7 @@ class TextFile:
         shown = _uncommented("\n".join(lines[:last]))
         cut = "".join(shown).count('"') % 2 == 1 and last < len(lines)
         records = list(_records(shown, self.separator, self.origin, 0, forgiving=cut))
-        if cut and not records:  # one cell of so many lines
+        if cut and not records:  # one cell spans all these lines
             records = list(_records(shown, self.separator, self.origin, 0))
         if not records:
             raise InputError(
@@ -291,7 +291,7 @@ class TextFile:
             ) from error
 
     def _lengthen(self) -> None:
-        """Read on; refuse a line that doesn't end."""
+        """Read more of the file; refuse a line that doesn't end."""
         if len(self._rest) > _LONGEST_LINE:
             raise InputError(
                 Message(
@@ -303,7 +303,7 @@ class TextFile:
 
     @property
     def empty(self) -> Table:
-        """The table without rows."""
+        """The table without its rows."""
         return Table(
             self.origin,
             self.names,
@@ -317,7 +317,7 @@ class TextFile:
         )
 
     def raw(self) -> Iterator[tuple[tuple[bytes, int], float]]:
-        """Yield whole lines with the number of lines before them, and the share that is read."""
+        """Yield complete lines, the number of lines before them, and the share read."""
         before = self._before
         while True:
             end = len(self._rest) if self._ended else _end_of_lines(self._rest)
@@ -331,7 +331,7 @@ class TextFile:
             self._lengthen()
 
     def piece(self, raw: tuple[bytes, int]) -> Table | None:
-        """Return the rows of a piece; None if it has none. Any thread may call it."""
+        """Return the rows of a piece, None if it has none. Any thread may call it."""
         content, before = raw
         if _NOTHING.fullmatch(content):
             return None
@@ -340,12 +340,12 @@ class TextFile:
         return table and replace(table, quoted=b'"' in content)
 
     def whole(self) -> Table:
-        """Return the table.
+        """Return the whole table.
 
         Raises
         ------
         InputError
-            It has no rows, or one that isn't of the table.
+            It has no rows, or a row that doesn't fit the table.
         """
         pieces = [table for raw, _ in self.raw() if (table := self.piece(raw)) is not None]
         if not pieces:
@@ -356,7 +356,7 @@ class TextFile:
         return Table.joined(pieces)
 
     def _by_arrow(self, content: bytes, before: int) -> Table | None:
-        """Read a plain piece by Arrow; None if it isn't plain."""
+        """Read a plain piece by Arrow; return None if it isn't plain."""
         layout = self._layout
         if content.startswith(b"#") or b"\n#" in content or b"\0" in content:
             return None
@@ -386,7 +386,7 @@ class TextFile:
             )
         except pa.ArrowInvalid:
             return None
-        if content.rstrip(b"\r\n").count(b"\n") + 1 != cells.num_rows:  # then lines aren't rows
+        if content.rstrip(b"\r\n").count(b"\n") + 1 != cells.num_rows:  # lines aren't rows
             return None
         rows = range(before + 1, before + 1 + cells.num_rows)
         return replace(self.empty, cells=tuple(cells.columns), rows=rows)
@@ -402,7 +402,7 @@ class TextFile:
                 cells[index] if index < len(cells) else "" for index in layout.columns
             ]
             if layout.partial and not any(fitting or ()):
-                continue  # a channel that was sampled at other times goes on
+                continue  # only a channel that was sampled at other times continues
             if whole or cells[0].lower() in _ENDS:
                 fitting = self._fitting(cells, number)
             if fitting is not None:
@@ -418,7 +418,7 @@ class TextFile:
         return table
 
     def _fitting(self, cells: list[str], number: int) -> list[str] | None:
-        """Return the cells of a row, as many as the header has; None of a line that ends it."""
+        """Return a row's cells, as many as the header has; None for a line that ends the table."""
         n = len(self.names)
         if n > 1 and not any(cells[1:]) and cells[0].lower() in _ENDS:
             return None
@@ -444,17 +444,17 @@ class TextFile:
         return cells[:n]
 
     def _seconds(self, cells: list[str], table: Table) -> NDArray[np.float64]:
-        """Return ticks of 100 ns in s since the first."""
+        """Convert ticks of 100 ns to seconds since the first."""
         try:
             ticks = [int(cell) for cell in cells]
         except ValueError:
-            return table.numbers(0)  # names the cell
+            return table.numbers(0)  # raises an error with the cell's place
         start = self.shared.setdefault("first tick", ticks[0])
         return np.array([(tick - start) * 1e-7 for tick in ticks])
 
 
 def _end_of_lines(content: bytes) -> int:
-    """Return the end of the last whole line, outside of quotation marks."""
+    """Return the end of the last complete line outside of quotation marks."""
     end = content.rfind(b"\n") + 1
     while end and content.count(b'"', 0, end) % 2:
         end = content.rfind(b"\n", 0, end - 1) + 1
@@ -462,7 +462,7 @@ def _end_of_lines(content: bytes) -> int:
 
 
 def _uncommented(text: str) -> list[str]:
-    """Return the lines with comments blanked, which keeps the file's line numbers."""
+    """Return the lines with blanked comments, which preserves the file's line numbers."""
     return [
         "" if line.startswith("#") and is_comment(line) else line
         for line in text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
@@ -479,7 +479,7 @@ def _split(line: str, separator: str) -> list[str]:
 
 
 def _separator(lines: Sequence[str]) -> str:
-    """Return the separator by which most lines have equally many cells, and most are numbers."""
+    """Return the separator that gives most lines the same number of cells, mostly numbers."""
     best, most = ",", 0.0
     for separator in _SEPARATORS:
         if not any(separator in line for line in lines):
@@ -493,7 +493,7 @@ def _separator(lines: Sequence[str]) -> str:
         numbers = sum(_NUMERIC.fullmatch(c.strip()) is not None for row in fitting for c in row)
         score = len(fitting) + numbers / width
         if separator == " " and 2 * numbers < width * len(fitting):
-            continue  # words have blanks too
+            continue  # words contain blanks, too
         if score > most:
             best, most = separator, score
     return best
@@ -502,7 +502,7 @@ def _separator(lines: Sequence[str]) -> str:
 def _records(
     lines: list[str], separator: str, origin: str, before: int, *, forgiving: bool = False
 ) -> Iterator[tuple[list[str], int, int]]:
-    """Yield rows that aren't empty with the numbers of their first and last lines."""
+    """Yield rows that aren't empty, with the numbers of their first and last lines."""
     if separator == " ":
         for number, line in enumerate(lines, before + 1):
             if cells := line.translate(_MINUS).split():
@@ -560,7 +560,7 @@ def _open(path: Path, _: str, opened: ExitStack) -> OpenedTable:
 
 
 class _Writer:
-    """Writes CSV, with separator and decimal mark of the source where that is a text too."""
+    """Writer of CSV, with separator and decimal mark of the source if that is text, too."""
 
     def __init__(
         self,
@@ -583,7 +583,7 @@ class _Writer:
     def encoded(self, batch: Any, *, quoted: bool = True) -> Any:
         """Return a batch as lines of text; any thread may call it.
 
-        Without `quoted` no cell needs quotation marks.
+        With `quoted` False, no cell needs quotation marks.
         """
         import pyarrow as pa
         import pyarrow.compute as pc
@@ -615,7 +615,7 @@ class _Writer:
         return lines.getvalue()
 
     def _joined(self, columns: Sequence[Any]) -> bytes:
-        """Return lines with quotation marks where cells need them."""
+        """Return lines of text, with quotation marks for cells that need them."""
         import pyarrow as pa
         import pyarrow.compute as pc
 
@@ -631,11 +631,11 @@ class _Writer:
         return ("\n".join(lines.to_pylist()) + "\n").encode()
 
     def write(self, batch: Any) -> None:
-        """Append a batch, or what `encoded` made of it."""
+        """Append a batch, or the result of `encoded` for it."""
         self._file.write(self.encoded(batch) if hasattr(batch, "columns") else batch)
 
     def close(self) -> None:
-        """No data remain to be written."""
+        """Do nothing: all data are written."""
 
 
 FORMAT = Format(
