@@ -80,7 +80,7 @@ def test_fit_apply_verify(tmp_path: Path) -> None:
     assert "repeatability ≤ 0.1 %" in page
     assert page.count("<svg") == 2
     own = run("verify", "model.json", "data.csv", cwd=tmp_path)
-    assert "this is no verification" in " ".join(own.stderr.split())
+    assert "this isn't a verification" in " ".join(own.stderr.split())
 
 
 def test_all_kinds_are_compared_on_demand(tmp_path: Path) -> None:

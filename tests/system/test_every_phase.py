@@ -76,7 +76,7 @@ def test_every_command_names_a_stranded_run_and_resume_finishes_it(killed: Path)
             continue
         assert resumed.returncode == 0, resumed.stderr
         said = " ".join(resumed.stderr.split())
-        assert f"every point of {folder.name} was measured before" in said
+        assert f"all points of {folder.name} were measured already" in said
         assert "In use model-1" in " ".join(resumed.stdout.split())
     assert [path.name for path in (killed / "data" / "runs").iterdir()] == [folder.name]
     assert (folder / "events.jsonl").read_bytes() == events

@@ -1,4 +1,4 @@
-"""The command line: operations, and commands of its own; each is loaded by its name.
+"""The command line: commands of operations and other commands, each loaded by its name.
 
 Commands import what they need when they run, so that `torquebench --help` answers at once.
 """
@@ -56,13 +56,13 @@ COMMANDS: Mapping[str, str] = {
     "records": "records.commands:app",
     "evaluate": "evaluate.commands:app",
 }
-"""Where each command or group is, by name, in the order of the help; empty for an operation."""
+"""Module and attribute of each command, in the help's order; empty for an operation."""
 WRAPPED: Mapping[str, str] = {"certificate": "certificate:with_check"}
-"""What adds an option of the command line to the command of an operation."""
+"""Functions that add a command-line option to an operation's command."""
 
 
 class _Commands(TyperGroup):
-    """The commands; one is imported when it is wanted."""
+    """All commands; each is imported when it is needed."""
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - as the library calls it
         """Return the names of all commands."""
@@ -70,16 +70,16 @@ class _Commands(TyperGroup):
         return list(dict.fromkeys([*COMMANDS, *own, *_added()]))
 
     def get_command(self, ctx: Any, name: str) -> Any:  # noqa: ARG002 - as the library calls it
-        """Return a command for lists of them, with its summary; whole if it was loaded."""
+        """Return a command with its summary only, or the whole command if it was loaded."""
         return self.commands.get(name) or _command(name, listed=True)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the command that a command line names."""
+        """Load and return the command named in the command line."""
         self.load(args[0])
         return super().resolve_command(ctx, args)
 
     def load(self, name: str) -> Any:
-        """Return a command whole, None if there is none of this name."""
+        """Load a whole command; return None if there is none of this name."""
         if name not in self.commands and (found := _command(name)) is not None:
             leave_out_types_of_flags(found)
             self.commands[name] = found
@@ -87,7 +87,7 @@ class _Commands(TyperGroup):
 
 
 class _Group(TyperGroup):
-    """A group of commands; an operation of it is imported when it is wanted."""
+    """A group of commands; operations in it are imported when they are needed."""
 
     def _operations(self) -> dict[str, str]:
         below = (each for each in OPERATIONS if each.startswith(f"{self.name} "))
@@ -98,18 +98,18 @@ class _Group(TyperGroup):
         return list(dict.fromkeys([*super().list_commands(ctx), *self._operations()]))
 
     def get_command(self, ctx: Any, name: str) -> Any:  # noqa: ARG002 - as the library calls it
-        """Return a command for lists of them, with its summary; whole if it was loaded."""
+        """Return a command with its summary only, or the whole command if it was loaded."""
         if name in self.commands or name not in self._operations():
             return self.commands.get(name)
         return TyperCommand(name, help=summary_of(self._operations()[name]))
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the command that a command line names."""
+        """Load and return the command named in the command line."""
         self.load(args[0])
         return super().resolve_command(ctx, args)
 
     def load(self, name: str) -> None:
-        """Import an operation's command."""
+        """Load the command of an operation."""
         if name not in self.commands and name in self._operations():
             app = typer.Typer(add_completion=False, rich_markup_mode=HELP_MARKUP)
             app.command(name)(_operation(self._operations()[name]))
@@ -130,9 +130,9 @@ def _added() -> list[str]:
 
 
 def _command(name: str, *, listed: bool = False) -> Any:
-    """Return a command or a group with the operations that belong to it; None if there is none.
+    """Return a command, or a group with its operations; None if there is none.
 
-    For lists operations aren't imported, as far as their summaries are known without.
+    For lists, operations with known summaries aren't imported.
     """
     if listed and COMMANDS.get(name) == "":
         return TyperCommand(name, help=summary_of(name))
@@ -152,7 +152,7 @@ def _command(name: str, *, listed: bool = False) -> Any:
 
 
 def _found(name: str) -> Any:
-    """Return what is behind a name that isn't an operation's: a function, a group or None."""
+    """Return the function or group of a name that isn't an operation's; None if there is none."""
     if name == "panel":
         from torquebench.cli.panel import panel_command
 
@@ -168,7 +168,7 @@ def _attribute(place: str) -> Any:
 
 
 def _installed(group: str, name: str = "") -> dict[str, Any]:
-    """Return what installed packages add by name; a warning names a package that fails."""
+    """Load a group of entry points of installed packages, by name; warn of packages that fail."""
     added = {}
     for point in entry_points(group):
         if name in ("", point.name):
@@ -192,7 +192,7 @@ app = typer.Typer(
 
 
 def whole_command() -> Any:
-    """Return the root of all commands, each of them loaded; for their documentation."""
+    """Return the root command with every command loaded, for the documentation."""
     root: Any = typer.main.get_command(app)
     for name in root.list_commands(None):
         group = root.load(name)
@@ -212,7 +212,7 @@ def _print_version(wanted: bool) -> None:
 
 
 def _add_operations(paths: str | None) -> str | None:
-    """Let the catalogue of operations know the files of the option."""
+    """Add the files of the option `--operations` to the catalogue of operations."""
     if paths:
         os.environ[OWN_FILES] = paths
     return paths
@@ -249,7 +249,7 @@ def options(
         typer.Option(
             metavar="FILE",
             envvar=OWN_FILES,
-            help="Python file with operations of one's own; several as in PATH.",
+            help="Python file with additional operations; several are separated as in PATH.",
             callback=_add_operations,
             is_eager=True,
         ),
@@ -278,9 +278,9 @@ def _run(arguments: list[str]) -> int:
 def main() -> None:
     """Run the command line and exit with 0 (done), 1 (a check failed) or 2 (bad input)."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    # Python would search all objects of all libraries for garbage again and again while it imports
-    # them: a quarter of the imports of a command that opens a bench.
+    # Without this, garbage collection during the imports takes a quarter of the imports' time in a
+    # command that opens a bench.
     gc.set_threshold(50_000, 20, 50)
     code = guarded(lambda: _run(sys.argv[1:]), debug=lambda: _debug)
-    gc.freeze()  # a normal exit would finalise every object of every library
+    gc.freeze()  # so that exiting doesn't finalise every object of every library
     sys.exit(code)

@@ -1,8 +1,8 @@
-"""What each command answers with `--json`: fields of the records that it computes, and few more.
+"""Contents of each command's `--json` answer: fields of its results, and a few more.
 
-A new command needs its record here. The documentation's page of answers is generated from this
-file, and tests compare it with what commands print. Names end with their unit; `None` stands for a
-value that is unknown or doesn't exist.
+A new command needs a record here. The documentation of answers is generated from this file, and
+tests compare it with the commands' output. Names end with their unit; `None` means that a value is
+unknown or doesn't exist.
 """
 
 from __future__ import annotations
@@ -20,23 +20,24 @@ __all__ = ["ANSWERS", "WITHOUT_ANSWER", "Record", "dataclass_of"]
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A JSON object: fields of a dataclass under the names of the answer, and further facts.
+    """A JSON object of an answer: fields of a dataclass, and additional facts.
 
-    A kind of a fact is a type, a record, a dataclass as ``module:Name``, or one of them in a list
-    or as the value of ``{str: …}``.
+    The kind of a fact is a type, a record, a dataclass as ``module:Name``, or a list or ``{str:
+    …}`` of one of them.
 
     Parameters
     ----------
     about : str
-        What it holds, in a sentence.
+        Description of the content in one sentence.
     source : str
         The dataclass, as ``module:Name``.
     chosen : str
-        Its fields, properties and methods, ``key`` or ``key=path`` each; empty for all fields.
+        Fields, properties and methods to include, each as ``key`` or ``key=path``; empty for all
+        fields.
     facts : mapping of str to kind
-        What the command states beside them.
+        Facts that the command always adds.
     sometimes : mapping of str to kind
-        What it states if an option or the result brings it.
+        Facts that the command adds with certain options or results.
     """
 
     about: str
@@ -47,18 +48,18 @@ class Record:
 
     @property
     def paths(self) -> dict[str, str]:
-        """Where each field is found in the dataclass, by its key."""
+        """Path of each value in the dataclass, by its key."""
         if self.source and not self.chosen:
             return {each.name: each.name for each in fields(dataclass_of(self.source))}
         pairs = (each.partition("=") for each in self.chosen.split())
         return {key: path or key for key, _, path in pairs}
 
     def of(self, entry: object, **facts: Any) -> dict[str, Any]:
-        """Return the record of an entry, with further facts."""
+        """Return the JSON object of an entry, with additional facts."""
         return {key: _value(entry, path) for key, path in self.paths.items()} | facts
 
     def kinds(self) -> dict[str, Any]:
-        """Return the kind of every key, for documentation and tests."""
+        """Return the type of every key, for documentation and tests."""
         kinds = {key: _kind(dataclass_of(self.source), path) for key, path in self.paths.items()}
         return kinds | dict(self.facts) | dict(self.sometimes)
 
@@ -79,7 +80,7 @@ def dataclass_of(source: str) -> Any:
 
 
 def _kind(owner: Any, path: str) -> Any:
-    """Return the annotation of a field, property or method; ``Any`` where it isn't known."""
+    """Return the annotation of a field, property or method; ``Any`` if it is unknown."""
     missing = False
     for name in path.split("."):
         missing = missing or NoneType in get_args(owner)
@@ -96,7 +97,7 @@ def _kind(owner: Any, path: str) -> Any:
 
 
 def _hints(annotated: Any) -> dict[str, Any]:
-    """Return annotations; names that only type checkers import stand for ``Any``."""
+    """Return annotations; names that only type checkers import become ``Any``."""
 
     class Names(dict[str, Any]):
         def __missing__(self, name: str) -> Any:
@@ -164,7 +165,7 @@ BUDGETED_READING = Record(
 )
 BUDGETS = Record("One budget a reading.", facts={"readings": [BUDGETED_READING]})
 MEASURED_LINE = Record(
-    "One averaged interval; each is printed as a line of its own under `line`.",
+    "One averaged interval; each is printed as a separate line with the key `line`.",
     "torquebench.cli.measure:MeasuredInterval",
 )
 MEASURED = Record(
@@ -187,7 +188,7 @@ IN_PLACE = Record(
     sometimes=_FILES,
 )
 DOCTOR = Record(
-    "Everything that was examined.",
+    "All checks of `doctor`.",
     facts={"findings": ["torquebench.cli.doctor.bench:Finding"], "problems": int},
 )
 TABLE_OF_NUMBERS = Record(
@@ -250,7 +251,7 @@ LISTED_EQUIPMENT = Record(
     "kind serial manufacturer model range_nm",
 )
 LISTED = Record(
-    "Content of the registry, the newest first; `more` names lists that go on.",
+    "Content of the registry, the newest first; `more` names truncated lists.",
     facts={"more": [str]},
     sometimes={
         "runs": [LISTED_RUN],
@@ -330,7 +331,7 @@ ANSWERS: dict[str, tuple[Record, ...]] = {
     "evaluate dynamics": (EVALUATED_DYNAMICS,),
     "evaluate lubrication": (EVALUATED_LUBRICATION,),
 }
-"""The records of which a command prints one, by its name."""
+"""Records of each command's answer; a command prints one of them."""
 
 WITHOUT_ANSWER = {
     "panel": "serves the panel until it is ended",

@@ -1,4 +1,4 @@
-"""`torquebench records audit`: commands to the bench with time, person and result."""
+"""`torquebench records audit`: list the commands to the bench with time, person and result."""
 
 from __future__ import annotations
 

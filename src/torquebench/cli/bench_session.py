@@ -1,4 +1,4 @@
-"""A bench that a command opens, and measures on with a person at the terminal."""
+"""Open a bench for a command that measures with a person at the terminal."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["BenchSession", "open_bench", "rehearsing"]
 
 @dataclass(frozen=True)
 class BenchSession:
-    """An open bench and how its questions are answered.
+    """An open bench, and the answering of its questions.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class BenchSession:
     prompts : PromptQueue
         Questions of the bench.
     yes : bool
-        Confirm all of them without asking.
+        Whether to confirm all questions without asking.
     """
 
     station: Station
@@ -45,12 +45,12 @@ class BenchSession:
 
     @contextlib.contextmanager
     def measuring(self, *, may_pause: bool = True) -> Iterator[tuple[TerminalProgress, OnPause]]:
-        """Show progress and warnings, and take keys and Ctrl-C, until the block ends.
+        """Show progress and warnings, and handle keys and Ctrl-C, until the block ends.
 
         Parameters
         ----------
         may_pause : bool
-            False where nothing is lost by starting again: then Ctrl-C aborts.
+            False if starting again loses nothing; Ctrl-C then aborts.
 
         Yields
         ------
@@ -61,7 +61,7 @@ class BenchSession:
         Raises
         ------
         typer.Exit
-            The run was aborted; a message states what is kept.
+            The run was aborted; a message states the folder of its data.
         """
         progress = TerminalProgress()
         interrupts = BenchInterrupts(self.station, progress, may_pause=may_pause)
@@ -88,7 +88,7 @@ def open_bench(
     resumed: str = "",
     announce: bool = True,
 ) -> Iterator[BenchSession]:
-    """Open a bench for measuring, and say which runs were found unfinished.
+    """Open a bench for measuring, and list its unfinished runs.
 
     Parameters
     ----------
@@ -98,11 +98,11 @@ def open_bench(
     real_time : bool
         Whether simulated time follows the wall clock.
     yes : bool
-        Confirm all questions of the bench without asking.
+        Whether to confirm all questions of the bench without asking.
     resumed : str
-        An unfinished run that needs no message, because the command is about it.
+        An unfinished run that isn't listed, because the command resumes it.
     announce : bool
-        Whether a simulated bench is named; else the caller has done so.
+        Whether to state that the bench is simulated; False if the caller does so.
     """
     if description.simulated and announce:
         note("simulated bench")
@@ -118,7 +118,7 @@ def open_bench(
 
 @contextlib.contextmanager
 def rehearsing(description: BenchDescription) -> Iterator[Station]:
-    """Open the bench on a scratch folder to rehearse a plan; say that nothing was moved."""
+    """Open the bench with a temporary folder to rehearse a plan; state that nothing was moved."""
     with (
         tempfile.TemporaryDirectory() as scratch,
         Station.open(description, Path(scratch)) as station,

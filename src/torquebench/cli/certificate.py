@@ -1,4 +1,4 @@
-"""`torquebench certificate --check`: the option beside the operation that issues certificates."""
+"""`torquebench certificate --check`: an option added to the operation that issues certificates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages of commands about a measuring chain: its compensation, and what U doesn't contain."""
+"""Messages about a measuring chain: its compensation, and influences missing in U."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ __all__ = ["compensated", "tell_compensation", "tell_missing"]
 
 
 def tell_missing(missing: Sequence[str], side: str = "") -> None:
-    """List the influences that U doesn't contain, because nothing is recorded of them.
+    """List the influences that U doesn't contain, because they weren't measured.
 
-    Without a side it is part of the results; of a side on the bench, a note before them.
+    Without a side it is printed as part of the results, with a bench's side as a note before them.
     """
     from torquebench.chain import not_in_u
 
@@ -32,7 +32,7 @@ def tell_missing(missing: Sequence[str], side: str = "") -> None:
 
 
 def compensated(station: Station, side: Side, accepted: Timebase | None = None) -> str:
-    """Compensate a side by its active model if there is one, and say by which."""
+    """Activate a side's compensation if it has an active model, and describe it."""
     from torquebench.errors import ModelMismatchError
 
     try:
@@ -50,12 +50,12 @@ def compensated(station: Station, side: Side, accepted: Timebase | None = None) 
 def tell_compensation(
     station: Station, sides: Sequence[Side], accepted: Timebase | None = None
 ) -> tuple[dict[Side, str], dict[Side, list[str]]]:
-    """Compensate sides by their active models; say by which, and what U doesn't contain.
+    """Activate the sides' compensations, and print which, and which influences U lacks.
 
     Returns
     -------
     compensation, missing : dict
-        The same by side; nothing is missing where no U is stated.
+        Descriptions and missing influences by side; without compensation none are missing.
     """
     states = {side: compensated(station, side, accepted) for side in sides}
     missing = {}

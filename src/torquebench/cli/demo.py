@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 __all__ = ["demo"]
 
 FAST_BLOCK_S = 0.1
-"""Length of blocks of simulated time: twice the usual one, as somebody waits who wants to see."""
+"""Length of blocks of simulated time, twice the usual one, for a faster demo."""
 
 
 class Preset(StrEnum):
-    """Which twin."""
+    """Quality of the simulated bench."""
 
     nominal = "nominal"
     worn = "worn"
@@ -89,7 +89,7 @@ def demo(
 def _description(
     bench: Path | None, seed: int | None, preset: Preset | None, *, real_time: bool
 ) -> BenchDescription:
-    """Return the simulated bench with the options of the command line."""
+    """Return the simulated bench's description with the command line's options."""
     description = bench_description(bench)
     if not description.simulated:
         raise InputError(
@@ -126,7 +126,7 @@ def _settings(description: BenchDescription, quick: bool, groups: int | None) ->
 def _measured(
     description: BenchDescription, settings: DemoSettings, data: Path, real_time: bool
 ) -> tuple[DemoResult, Page]:
-    """Run the demo; return its result and the report, which a second process draws."""
+    """Run the demo; return its result, and the report, whose figures a second process draws."""
     from torquebench.campaign.demo import run_demo
     from torquebench.cli.bench_session import open_bench
     from torquebench.cli.models.compiling import second_process

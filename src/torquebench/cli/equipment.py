@@ -1,6 +1,6 @@
 """`torquebench records adjust`, `add-equipment`, `add-certificate`, `fit-part`, `equipment`.
 
-Entries that a laboratory makes about its equipment beside runs, in terms of ISO/IEC 17025.
+Records of a laboratory about its equipment, by ISO/IEC 17025.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def add_equipment(
     detail: Annotated[list[str] | None, typer.Option(help="name=value; repeatable.")] = None,
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """Enter a piece of equipment, or new data of one."""
+    """Enter a piece of equipment, or changed data of it."""
     from torquebench.records import Equipment, Registry
 
     details = named_values(detail, "--detail", "span_hz=30000")
@@ -172,7 +172,7 @@ def adjust(
 ) -> None:
     """Enter an adjustment: a change that may affect the indication of a piece of equipment.
 
-    Calibrations before an adjustment aren't valid after it.
+    Earlier calibrations aren't valid after an adjustment.
     """
     from torquebench.records import Adjustment, Registry
 

@@ -1,4 +1,4 @@
-"""`torquebench records export`: a run as a folder that is readable without torquebench."""
+"""`torquebench records export`: write a run as a folder that can be read without torquebench."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`torquebench records export-data`: a run's streams for other programs."""
+"""`torquebench records export-data`: write a run's streams for other programs."""
 
 from __future__ import annotations
 
@@ -40,8 +40,10 @@ def export_data(
         Format | None,
         typer.Option(
             "--format",
-            help="By the file's ending where it isn't given, else CSV. TDMS, MDF4 and HDF5 need "
-            "the extra of their name.",
+            help=(
+                "By default that of the file's suffix, else CSV. TDMS, MDF4 and HDF5 need "
+                "the extra of their name."
+            ),
         ),
     ] = None,
     stream: Annotated[
@@ -65,12 +67,12 @@ def export_data(
 
 
 def _format(out: Path, wanted: Format | None) -> Format:
-    """Return the format to write, as requested or by the file's ending.
+    """Return the format to write, as requested or by the file's suffix.
 
     Raises
     ------
     InputError
-        Where the ending names another one.
+        Where the suffix is that of another format.
     """
     from torquebench.tables.formats import format_of
 

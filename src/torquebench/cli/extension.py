@@ -1,4 +1,4 @@
-"""What commands of plugins use: options, output, progress and exit codes."""
+"""Interface for commands of plugins: options, output, progress and exit codes."""
 
 from torquebench.cli.answers import ANSWERS, WITHOUT_ANSWER, Record
 from torquebench.cli.failure import CHECK_FAILED

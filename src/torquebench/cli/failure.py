@@ -1,6 +1,6 @@
-"""From errors to exit codes: 0 done, 1 a check or the bench failed, 2 unusable input.
+"""Convert errors to exit codes: 0 done, 1 a check or the bench failed, 2 unusable input.
 
-130 means Ctrl-C. With `--json` a command prints its answer in every case, also after an error.
+130 means Ctrl-C. With `--json` a command prints its answer even after an error.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ OK = 0
 CHECK_FAILED = 1
 """A verification out of tolerance, or a failure of the bench."""
 UNUSABLE_INPUT = 2
-"""The code of the option parser for an unknown option."""
+"""Unusable input; also the option parser's code for an unknown option."""
 DISK_FAILED = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 """A full or broken disk isn't an input error."""
 INTERRUPTED = 130
@@ -56,7 +56,7 @@ def guarded(run: Callable[[], int | None], *, debug: Callable[[], bool]) -> int:
     run : callable
         Runs the command; its return value is the exit code (None counts as 0).
     debug : callable
-        RunningPoint after an error: True lets the traceback through.
+        Called after an error; True lets the traceback through.
 
     Returns
     -------

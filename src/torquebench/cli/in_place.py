@@ -50,7 +50,7 @@ def in_place(
     yes: YesOption = False,
     real_time: RealTimeOption = False,
 ) -> None:
-    """Calibrate a transducer alone and its chain in place, and show the difference.
+    """Compare the calibration of a transducer alone with that of its chain in place.
 
     The chain is calibrated in place and verified at fresh points. Both calibrations are applied to
     the same readings: the transducer's own calibration doesn't contain the chain's additional

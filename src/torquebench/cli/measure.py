@@ -1,4 +1,4 @@
-"""`torquebench measure`: a live line of torque, speed, temperature and compensation."""
+"""`torquebench measure`: print torque, speed, temperature and compensation live."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def _blocks(viewer: Viewer, interval_s: float) -> list[Block]:
 
 @dataclass(frozen=True)
 class MeasuredSide:
-    """Mean torque ± U (k = 2) of one side, and its kind: compensated, raw or a fault.
+    """Mean torque ± U (k = 2) of one side, and its state.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class MeasuredSide:
     state : str
         "compensated", "raw", "beyond range" or the fault's name.
     detail : str
-        Beyond a range: the effect that refuses, the value and the range.
+        For a value beyond a range: the effect, the value and the range.
     """
 
     torque_nm: float | None
@@ -146,7 +146,7 @@ class MeasuredSide:
     detail: str = ""
 
     def text(self, whole: int, decimals: int) -> str:
-        """Return torque ± U with digits for the side, or the state in as many columns."""
+        """Return torque ± U with fixed digits, or the state in a field of the same width."""
         width = whole + 3 + max(5, decimals + 2)
         if self.torque_nm is None:
             return f"{self.state:>{width}.{width}}"
@@ -158,7 +158,7 @@ class MeasuredSide:
 
 @dataclass(frozen=True)
 class MeasuredInterval:
-    """Content of one line."""
+    """Mean values of one interval."""
 
     time_s: float
     input: MeasuredSide
@@ -168,7 +168,7 @@ class MeasuredInterval:
     temperature_c: float
 
     def line(self) -> str:
-        """Return one line of at most 80 columns; speed and its rate of the input."""
+        """Return a line of at most 80 columns; speed and acceleration are those of the input."""
         return (
             f"{self.time_s:6.1f} s in {self.input.text(7, 3)} out {self.output.text(8, 2)}"
             f" N·m {self.speed_rpm:7.1f} rpm {self.acceleration_rpm_s:+5.0f}/s "
@@ -177,7 +177,7 @@ class MeasuredInterval:
 
 
 def measured_interval(station: Station, blocks: list[Block]) -> MeasuredInterval:
-    """Return the means of an interval."""
+    """Average the blocks of an interval."""
     newest = blocks[-1]
     return MeasuredInterval(
         newest.stop_s,

@@ -1,4 +1,4 @@
-"""`torquebench mechanics`: a design's influence on the torque, and the stiffness of supports."""
+"""`torquebench mechanics`: additional torque of a chain's design, and stiffness of supports."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def _finish(
 
 
 def _value(cell: str) -> str | float:
-    """Return a table's cell as a number where it is one."""
+    """Convert a table's cell to a number if possible."""
     try:
         return float(cell.replace("−", "-"))
     except ValueError:

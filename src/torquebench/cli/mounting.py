@@ -27,12 +27,12 @@ MountingOption = Annotated[
 
 
 def mounting_record(given: list[str] | None) -> MountingRecord | None:
-    """Return the record that was entered, checked; warns of a coaxiality beyond the limit.
+    """Check and return the entered record; warn of a coaxiality error beyond the limit.
 
     Raises
     ------
     InputError
-        An unknown name, one given twice, or a value outside its limits.
+        A name is unknown or given twice, or a value is outside its limits.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Commands of operations: options from the request, and the same work for all of them."""
+"""Commands of operations: options derived from the request, and a common procedure."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ __all__ = ["opened_bench", "operation_command", "present", "run_on_bench", "vali
 
 TYPES: Mapping[str, Any] = {"number": float, "whole": int}
 NOT = "not_"
-"""Before the name of a flag that is taken back."""
+"""Prefix of the name of a flag that sets False."""
 DryRunOption = Annotated[
     bool, typer.Option("--dry-run", help="Show what would happen and check it; nothing moves.")
 ]
@@ -85,7 +85,7 @@ def operation_command(operation: Operation) -> Callable[..., None]:
 
 
 def _common(operation: Operation) -> Iterator[inspect.Parameter]:
-    """Yield the options that operations have in common."""
+    """Yield the options that are common to operations."""
     from torquebench.operations import Result
 
     if operation.preview is not None:
@@ -112,7 +112,7 @@ def _parameter(name: str, annotation: Any, default: Any) -> inspect.Parameter:
 
 
 def _options(asked: Parameter) -> Iterator[inspect.Parameter]:
-    """Yield a request's field as an option; of a flag those that differ from the default."""
+    """Yield a request's field as an option; for a flag, only options that change the default."""
     if asked.kind != "flag":
         yield _option(asked)
         return
@@ -127,7 +127,7 @@ def _options(asked: Parameter) -> Iterator[inspect.Parameter]:
 
 
 def _option(asked: Parameter) -> inspect.Parameter:
-    """Return a field that isn't a flag as an option; its value is checked by the request."""
+    """Return a field other than a flag as an option, whose value the request validates."""
     kind: Any = str if asked.numbered else TYPES.get(asked.kind, str)
     metavar = {"number": "<float>", "whole": "<int>", "text": "<str>", "path": "<path>"}.get(
         asked.kind
@@ -167,14 +167,14 @@ def _option(asked: Parameter) -> inspect.Parameter:
         made = typer.Argument(**details | {"metavar": asked.option[2:].upper()})
     else:
         option = asked.option
-        if several and option.endswith("s"):  # one value at a time
+        if several and option.endswith("s"):  # each option has one value
             option = option.removesuffix("s")
         made = typer.Option(option, **details)
     return _parameter(asked.name, Annotated[kind, made], default)
 
 
 def _entered(asked: Mapping[str, Parameter], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values that a person has entered, as the request takes them."""
+    """Convert the entered values to the form that the request expects."""
     entered: dict[str, Any] = {}
     for name, value in values.items():
         parameter = asked[name]
@@ -192,7 +192,7 @@ def _entered(asked: Mapping[str, Parameter], values: Mapping[str, Any]) -> dict[
 
 
 def _value(text: str) -> Any:
-    """Return a text as the number or the word that it means."""
+    """Convert a text to None, a boolean, a number or text."""
     if text.lower() in ("none", ""):
         return None
     if text.lower() in ("true", "false"):
@@ -207,7 +207,7 @@ def _value(text: str) -> Any:
 
 
 def validated_request(operation: Operation, values: Mapping[str, Any]) -> Request:
-    """Return a checked request; names of profiles and reducers are looked up at once."""
+    """Validate a request, and check that named profiles and reducers exist."""
     from torquebench.validation import validated
 
     request = validated(operation.request, values, operation.name)
@@ -261,7 +261,7 @@ def _run(
 
 
 def _explained(problem: InputError, reports: list[Path] | None) -> InputError:
-    """Write the page that shows the reason of an error, or say how to get it."""
+    """Write the page that explains an error, or add to the remedy how to get it."""
     from torquebench.operations.result import ExplainedError
 
     if not isinstance(problem, ExplainedError):
@@ -276,9 +276,9 @@ def _explained(problem: InputError, reports: list[Path] | None) -> InputError:
 def _description(
     operation: Operation, request: Request, bench: Path | None, data: Path
 ) -> tuple[BenchDescription, str]:
-    """Return the description of the bench, and the run that is resumed on it.
+    """Return the description of the bench, and the run to be resumed on it.
 
-    The description is that of the command, of the resumed run, or of the simulated bench.
+    The description is the command's, the resumed run's, or the simulated bench's.
     """
     if operation.bench is None:
         return bench_description(bench), ""
@@ -289,7 +289,7 @@ def _description(
 
     folder = data_directory(data)
     with BenchLock(None, folder), Registry.open(folder) as registry:
-        recover_unfinished(registry)  # a killed run isn't sealed yet
+        recover_unfinished(registry)  # a killed run has to be sealed first
         run = find_interrupted(registry, getattr(request, "run_id", ""))
         described = (
             operation.bench(registry, request) if bench is None else bench_description(bench)
@@ -300,7 +300,7 @@ def _description(
 def _rehearse(
     operation: Operation, request: Request, description: BenchDescription, data: Path
 ) -> None:
-    """Show the preview, of the plan that would run on the records that there are."""
+    """Print the preview of the plan that would run with the present records."""
     import dataclasses
 
     from torquebench.cli.bench_session import rehearsing
@@ -326,7 +326,7 @@ def _rehearse(
 
 
 def _refuse_unattended(operation: Operation, description: BenchDescription, *, yes: bool) -> None:
-    """Refuse to load a real bench, before it is opened, where nobody can confirm that."""
+    """Refuse to load a real bench if nobody can confirm it, before the bench is opened."""
     if operation.loads and not (yes or description.simulated or sys.stdin.isatty()):
         raise InputError(
             Message("{name} is a real bench and nobody is there to confirm", description.name),
@@ -347,7 +347,7 @@ def opened_bench(
 
 
 def run_on_bench(session: BenchSession, operation: Operation, request: Request) -> Result:
-    """Check, have confirmed, and run an operation on an open bench."""
+    """Check an operation, ask for confirmation, and run it on an open bench."""
     import dataclasses
 
     from torquebench.operations import Place
@@ -363,7 +363,7 @@ def run_on_bench(session: BenchSession, operation: Operation, request: Request) 
 
 
 def _confirm(place: Place, operation: Operation, request: Request) -> None:
-    """Have a person confirm that a real bench is clear."""
+    """Ask a person to confirm that a real bench is clear."""
     from torquebench.operations import duration_words
 
     words = str(operation.title(request))
@@ -382,7 +382,7 @@ def _confirm(place: Place, operation: Operation, request: Request) -> None:
 
 @contextlib.contextmanager
 def _records_place(operation: Operation, data: Path, by: str) -> Iterator[Place]:
-    """Open what an operation without the bench needs."""
+    """Open the registry or nothing, as an operation without a bench needs it."""
     from torquebench.operations import Place
     from torquebench.records.signatures import operator_name
 
@@ -415,7 +415,7 @@ def _working() -> Iterator[Progress]:
 
 
 def _doubts(operation: Operation, place: Place, request: Request) -> tuple[str, ...]:
-    """Check a request; a record that there isn't is unusable input here."""
+    """Check a request; a missing record counts as unusable input."""
     try:
         return operation.doubts(place, request)
     except RecordError as missing:
@@ -423,7 +423,7 @@ def _doubts(operation: Operation, place: Place, request: Request) -> tuple[str, 
 
 
 def tell_doubts(doubts: Iterable[str]) -> None:
-    """Warn of what makes a result doubtful."""
+    """Print doubts about a result as warnings."""
     for doubt in doubts:
         warn(doubt)
 

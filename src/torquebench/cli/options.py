@@ -1,4 +1,4 @@
-"""Options that several commands share."""
+"""Options shared by several commands."""
 
 from __future__ import annotations
 
@@ -62,8 +62,7 @@ __all__ = [
 ]
 
 HELP_MARKUP: Literal["markdown"] = "markdown"
-"""Markup mode of help: paragraphs are wrapped at the terminal's width. Rich's own markup would keep
-the line ends of the code, and read text in square brackets as a style.
+"""Markup of help texts that wraps paragraphs and leaves square brackets alone.
 """
 DEFAULT_DATA = Path("torquebench-data")
 CSV_ENDINGS = (".csv", ".txt", ".tsv")
@@ -74,7 +73,7 @@ REGISTRY_FILE = "registry.sqlite"
 
 
 class Module(StrEnum):
-    """Which module."""
+    """Module of the bench."""
 
     input = "input"
     output = "output"
@@ -138,7 +137,7 @@ RealTimeOption = Annotated[
 
 @dataclass(frozen=True)
 class CounterOptions:
-    """The options of commands that may use models of another counter."""
+    """Options of commands that may use models made with another counter."""
 
     accept_counter: Annotated[
         str | None,
@@ -158,7 +157,7 @@ class CounterOptions:
     ] = 100.0
 
     def accepted(self) -> Timebase | None:
-        """Return the other counter that the command accepts, None if none is named."""
+        """Return the other counter whose models are accepted, None if none is named."""
         from torquebench.chain import Timebase
 
         if not self.accept_counter:
@@ -191,14 +190,14 @@ class TableOptions:
     ] = None
 
     def conversion(self) -> Conversion:
-        """Return what these options state, checked."""
+        """Check these options, and return the conversion that they define."""
         from torquebench.tables import Conversion
 
         return Conversion.of_options(self.sensitivity, self.arm, self.gravity)
 
 
 def tell_columns(understood: Understood, notes: Sequence[str] = (), file: str = "") -> None:
-    """Say what was passed over, and how columns with names of others were understood."""
+    """Warn of ignored columns, and state how columns with other names were interpreted."""
     for note in dict.fromkeys(notes):
         warn(f"{file}: {note}" if file else note)
     if sentence := understood.sentence():
@@ -228,7 +227,7 @@ class AddressOptions:
     ] = None
 
     def address(self, port: int, proxy: str = "") -> Address:
-        """Return the address, checked before imports that take seconds."""
+        """Check and return the address, before imports that take seconds."""
         from torquebench.panel.address import Address
 
         names = tuple(self.host_name or ())
@@ -246,7 +245,7 @@ class AddressOptions:
 
 
 def named_values(texts: Sequence[str] | None, option: str, example: str) -> dict[str, str]:
-    """Return the values of texts `NAME=VALUE` by their names.
+    """Parse texts `NAME=VALUE` into values by name.
 
     Examples
     --------
@@ -269,7 +268,7 @@ def named_values(texts: Sequence[str] | None, option: str, example: str) -> dict
 
 
 def numbered(name: str, *kinds: str) -> tuple[str, int] | None:
-    """Return kind and number of a record's name, None if it isn't one of these kinds.
+    """Split a record's name into kind and number; None if it isn't of these kinds.
 
     Examples
     --------
@@ -281,12 +280,12 @@ def numbered(name: str, *kinds: str) -> tuple[str, int] | None:
 
 
 def bench_description(path: Path | None) -> BenchDescription:
-    """Return the description that a command names, or that of the simulated bench.
+    """Load the named bench description, by default that of the simulated bench.
 
     Raises
     ------
     InputError
-        Where it can't be read or is wrong.
+        Where the description can't be read or is invalid.
     """
     from torquebench.bench import default_bench, load_bench
 
@@ -294,12 +293,12 @@ def bench_description(path: Path | None) -> BenchDescription:
 
 
 def data_directory(path: Path) -> Path:
-    """Return a data directory whose registry exists: in it, or on the server that is named.
+    """Return a data directory, checked to have a registry in it or on the named server.
 
     Raises
     ------
     InputError
-        Where there is none.
+        Where there is no registry.
     """
     if not has_registry(path):
         from torquebench.records.registry.database import WAY_BACK, lost_registry
@@ -319,28 +318,27 @@ def data_directory(path: Path) -> Path:
 
 
 def has_registry(path: Path) -> bool:
-    """Return whether there are records: in this data directory, or on the server that is named."""
+    """Return whether a registry exists in this data directory or is named on a server."""
     return bool(os.environ.get(REGISTRY_URL)) or (path / REGISTRY_FILE).is_file()
 
 
 def check_output(path: Path, *inputs: Path, endings: Sequence[str] = ()) -> Path:
-    """Refuse an output file that can't be written, before any work is done for it.
+    """Raise an error for an output file that can't be written, before any work is done.
 
     Parameters
     ----------
     path : pathlib.Path
-        The file that will be written; where it is standard output, results are printed to
-        standard error.
+        The output file; for standard output, results are printed to standard error instead.
     *inputs : pathlib.Path
-        Files that the command reads, which must not be overwritten by it; ``-`` is standard input.
+        Input files, which must not be overwritten; ``-`` is standard input.
     endings : sequence of str, optional
-        Of the format that is written: an ending that names another format is refused.
+        Suffixes of the format that is written; those of other formats are refused.
 
     Raises
     ------
     InputError
-        Where its folder doesn't exist, it is a folder, it is one of the inputs or another output,
-        or its name promises another format.
+        Where the folder doesn't exist, the path is a folder, an input or another output, or the
+        suffix is that of another format.
     """
     if endings:
         from torquebench.tables.formats import endings as endings_of_tables
@@ -393,12 +391,12 @@ def check_output(path: Path, *inputs: Path, endings: Sequence[str] = ()) -> Path
 
 
 def check_output_folder(path: Path) -> Path:
-    """Refuse a folder for output that isn't one, before any work is done for it.
+    """Raise an error for an output folder that isn't a folder, before any work is done.
 
     Raises
     ------
     InputError
-        Where it is standard output, a file or a device.
+        Where the path is standard output, a file or a device.
     """
     if is_standard_output(path) or (path.exists() and not path.is_dir()):
         what = (
@@ -411,7 +409,7 @@ def check_output_folder(path: Path) -> Path:
 
 
 def moment_in_utc(text: str) -> datetime:
-    """Return the moment of an option; a day, or a time without a zone, is in UTC."""
+    """Parse an option as a time; a day, or a time without a zone, is in UTC."""
     try:
         moment = datetime.fromisoformat(text.strip())
         return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
@@ -422,7 +420,7 @@ def moment_in_utc(text: str) -> datetime:
 
 
 def day_or_time(text: str) -> date:
-    """Return the day of an option, or the time where it states one."""
+    """Parse an option as a day, or as a time if it contains one."""
     text = text.strip()
     try:
         try:
@@ -439,12 +437,12 @@ def day_or_time(text: str) -> date:
 
 
 def performed_at(given: date | None) -> datetime:
-    """Return when something was done, by an option of `day_or_time`; now without it.
+    """Return when something was done, by an option of `day_or_time`; by default now.
 
     Raises
     ------
     InputError
-        It is in the future.
+        The time is in the future.
     """
     if given is None:
         return datetime.now(UTC)
@@ -456,7 +454,7 @@ def performed_at(given: date | None) -> datetime:
 def stated_reference(
     stated: str | None, range_nm: float, side: str = "", *, option: str = "--reference"
 ) -> CertifiedUncertainty | None:
-    """Return U of a standard over the torque, as `ReferenceOption` states it; None without."""
+    """Return a standard's U as a function of torque, by `ReferenceOption`; None without it."""
     if stated is None:
         return None
     from torquebench.bench.certificates.torque import read_uncertainty

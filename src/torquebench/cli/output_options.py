@@ -30,7 +30,7 @@ def add_output_options(app: typer.Typer, path: str = "") -> None:
     for info in app.registered_commands:
         assert info.callback is not None
         name = info.name or info.callback.__name__.replace("_", "-")
-        if "quiet" not in inspect.signature(info.callback).parameters:  # not twice
+        if "quiet" not in inspect.signature(info.callback).parameters:  # only once
             info.callback = _with_options(info.callback, f"{path}{name}")
     for group in app.registered_groups:
         assert group.typer_instance is not None
@@ -70,7 +70,7 @@ def _with_options(command: Callable[..., Any], path: str) -> Callable[..., Any]:
 
 
 def _options(parameter: inspect.Parameter) -> Iterator[inspect.Parameter]:
-    """Yield a parameter as an option; a dataclass is a group of options, its fields."""
+    """Yield a parameter as an option, or the fields of a dataclass as options."""
     if not is_dataclass(parameter.annotation):
         yield parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
         return
@@ -85,9 +85,9 @@ def _options(parameter: inspect.Parameter) -> Iterator[inspect.Parameter]:
 
 
 def _value_name(kind: Any) -> str | None:
-    """Return the value's name in help; None leaves it to the library.
+    """Return the placeholder of a value in help; None means the library's default.
 
-    An option for a list takes one value at a time, an option for a pair two.
+    An option for a list has one value, an option for a pair has two.
     """
     kinds = (*get_args(kind), kind)
     inner = [each for each in kinds if get_origin(each) in (list, tuple)]
@@ -97,7 +97,7 @@ def _value_name(kind: Any) -> str | None:
 
 
 def leave_out_types_of_flags(command: Any) -> None:
-    """Let the help of a command and those below show no type beside flags, which take no value."""
+    """Hide the type of flags in the help of a command and its subcommands."""
     asked = command.get_help_option(typer.Context(command, help_option_names=HELP_OPTIONS))
     for option in (*command.params, asked):
         if getattr(option, "is_flag", False):

@@ -1,4 +1,4 @@
-"""`torquebench panel`: the bench in a browser, and the same operations over HTTP."""
+"""`torquebench panel`: serve the bench in a browser, and the same operations by HTTP."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = ["panel_command"]
 
 
 def panel_command(services: Sequence[PanelService]) -> Callable[..., None]:
-    """Return the command `panel` with an option for every service beside it."""
+    """Return the command `panel` with an option for every additional service."""
 
     def panel(
         bench: BenchOption = None,

@@ -80,8 +80,8 @@ def papers(
     Both modules are calibrated and verified in ten groups at the same torques (and ten at others),
     the standard reducer's friction is measured, and the results are compared with the papers'
     claims. On a real bench no model is put into use. --save writes the tables, from which --data
-    makes the same page again. If it is interrupted, the same command begins with what the study has
-    computed.
+    makes the same page again. After an interruption, the same command continues with the study's
+    stored results.
     """
     reports = report or [Path("torquebench-papers.html"), Path("torquebench-papers.pdf")]
     check_reports(reports)
@@ -216,7 +216,7 @@ def _conditions(
 
 
 def _note_study(file: Path) -> None:
-    """Say where an interrupted study is."""
+    """Print the file of an interrupted study."""
     if file.is_file() and (done := max(len(file.read_text("utf-8").splitlines()) - 1, 0)):
         note(f"the study's {done} chains are in {file}; the same command goes on from there")
 

@@ -1,4 +1,4 @@
-"""Messages about runs that a command found unfinished, and about warnings while it works."""
+"""Messages about unfinished runs at the start of a command, and about warnings during it."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ __all__ = ["tell_recovered", "tell_unfinished", "tell_warnings"]
 
 
 def tell_recovered(station: Station, *, but: str = "") -> None:
-    """List the recovered and newly registered runs, the data kept, and the remedy.
+    """List recovered and newly registered runs, their data, and the remedy.
 
     Parameters
     ----------
     station : Station
-        Just opened.
+        Station that was just opened.
     but : str
-        A run that needs no word, since the command is about it.
+        A run that isn't listed, because the command resumes it.
     """
     from torquebench.records import unfinished_runs
 
@@ -34,7 +34,7 @@ def tell_recovered(station: Station, *, but: str = "") -> None:
         named = unfinished.pop(run.run_id, None)
         if but and run.run_id.startswith(but):
             continue
-        if run.status != "interrupted":  # sealed, and not in the registry yet
+        if run.status != "interrupted":  # sealed, but not registered before
             warn(f"run {run.run_id} ({run.status}) is entered now, from its folder")
             tell_unfinished([named] if named else [])
             continue
@@ -49,13 +49,13 @@ def tell_recovered(station: Station, *, but: str = "") -> None:
 
 
 def tell_unfinished(runs: list[UnfinishedRun]) -> None:
-    """List the unfinished runs and the remedy."""
+    """List unfinished runs and their remedies."""
     for run in runs:
         warn(f"{run.found}: {run.remedy}")
 
 
 def tell_doubts(station: Station, standard: str) -> None:
-    """Warn of a clock that is behind, and of the expired standard that is measured against."""
+    """Warn of a clock that is slow, and of a standard whose certificate has expired."""
     from torquebench.campaign.doubts import doubts_before
 
     for doubt in doubts_before(station, station.registry, standard):
@@ -64,7 +64,7 @@ def tell_doubts(station: Station, standard: str) -> None:
 
 @contextlib.contextmanager
 def tell_warnings(station: Station, progress: TerminalProgress) -> Iterator[None]:
-    """Say every warning of the bench that comes up until the block ends, and when it is over."""
+    """Print every warning of the bench during the block, and when it is cleared."""
     from torquebench.bench.safety import AlarmLevel
 
     speaking = True

@@ -1,4 +1,4 @@
-"""`--report`: the option of every command that writes one, its check before and the files after."""
+"""The option `--report`: define it, check the files before, and write them after the work."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["ReportOption", "check_reports", "report_option", "write_reports"]
 
 
 def report_option(what: str) -> Any:
-    """Return the option of a command whose report is something else than `ReportOption` says."""
+    """Return an option `--report` with another description than `ReportOption`."""
     return typer.Option(
         "--report", metavar="<path>", help=f"Write {what} (.html or .pdf). May be repeated."
     )
@@ -28,7 +28,7 @@ ReportOption = Annotated[list[Path] | None, report_option("a report with figures
 
 
 def check_reports(reports: Sequence[Path] | None) -> None:
-    """Refuse reports that couldn't be written, before anything is done for them."""
+    """Raise an error for report files that can't be written, before any work is done."""
     if not reports:
         return
     from torquebench.reports.page_pdf import check_suffix
@@ -39,7 +39,7 @@ def check_reports(reports: Sequence[Path] | None) -> None:
 
 
 def write_reports(page: Page, reports: Sequence[Path], title: str = "Report") -> None:
-    """Write a page into each file, and say where."""
+    """Write a page to each file, and print the paths."""
     from torquebench.reports.page_pdf import write_report
 
     for report in reports:

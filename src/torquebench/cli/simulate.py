@@ -1,4 +1,4 @@
-"""`torquebench simulate`: the twin behind real protocols, until interrupted."""
+"""`torquebench simulate`: simulate a bench's instruments with their real protocols."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def _end_with_input(ending: threading.Event) -> None:
 def described(
     description: BenchDescription, *, seed: int | None, preset: str | None
 ) -> BenchDescription:
-    """Return a simulated bench's description with the options that a command line changes."""
+    """Return a simulated bench's description with seed and preset of the command line."""
     changes: dict[str, Any] = {}
     if seed is not None:
         changes["seed"] = seed
@@ -112,14 +112,14 @@ def _changed(description: BenchDescription, **changes: Any) -> BenchDescription:
 def simulators_running(description: BenchDescription, bench: Path | None) -> Iterator[bool]:
     """Ensure that the simulators of a description run: use running ones, or start them.
 
-    Yields whether they were started here; those end with the block.
+    Yields whether this call started them; in that case they end with the block.
 
     Raises
     ------
     InputError
         Simulators with another seed or preset are running.
     BenchError
-        They can't be started.
+        The simulators can't be started.
     """
     if bench is None or "simulation" not in description.driver:
         yield False
@@ -147,7 +147,7 @@ def simulators_running(description: BenchDescription, bench: Path | None) -> Ite
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        # Ctrl-C goes to the demo, which needs the simulators to come to rest
+        # only the demo handles Ctrl-C; it needs the simulators to come to rest
         start_new_session=True,
     )
     try:

@@ -51,7 +51,7 @@ def _numbers(summary: ErrorSummary) -> list[str]:
 
 
 def _narrow(value: float | None) -> str:
-    """Return a number with fewer digits where it would touch the next column."""
+    """Return a number with as many digits as fit into its column."""
     texts = (number(value, digits) for digits in (3, 2, 1))
     return next((text for text in texts if len(text) <= NUMBER_COLUMNS), "0.000")
 
@@ -59,7 +59,7 @@ def _narrow(value: float | None) -> str:
 def error_blocks(
     blocks: Iterable[tuple[str, Sequence[tuple[str, ErrorSummary]]]],
 ) -> Iterable[RenderableType]:
-    """Yield blocks of errors under one heading.
+    """Yield blocks of errors below a common heading.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def error_blocks(
 
 
 def print_verification(result: VerificationResult, titles: Sequence[str]) -> None:
-    """Print the errors of a verification: of the raw reading, and of each model by its title.
+    """Print a verification's errors of the raw reading and of each model.
 
     The first model is marked.
     """
@@ -110,7 +110,7 @@ def print_verification(result: VerificationResult, titles: Sequence[str]) -> Non
 
 
 def print_kept(what: str, percent: float, tolerance: float) -> bool:
-    """Print whether a value keeps its tolerance, both in % of full scale, and return it."""
+    """Print and return whether a value is within its tolerance, both in % of full scale."""
     kept = percent <= tolerance
     verdict = "[green]within[/green]" if kept else "[red]out of[/red]"
     say(f"{what} {number(percent)} % FS: {verdict} the tolerance of {tolerance:g} % FS")
@@ -118,13 +118,13 @@ def print_kept(what: str, percent: float, tolerance: float) -> bool:
 
 
 def comparison_table(comparison: Comparison, taken: str) -> Table:
-    """Return candidates by their errors at steps that they weren't fitted to.
+    """Return a table of the models' errors at steps that they weren't fitted to.
 
     Parameters
     ----------
     comparison : Comparison
     taken : str
-        Name of the candidate that is marked.
+        Name of the model to mark.
     """
     table = narrow_table(
         columns=(
@@ -155,7 +155,7 @@ def comparison_table(comparison: Comparison, taken: str) -> Table:
 
 
 def effects_table(effects: Sequence[Effect], range_nm: float) -> RenderableType:
-    """Return what was identified of a chain that turns: largest value and U of each part."""
+    """Return a table of a rotating chain's identified effects: largest value and U of each."""
     table = narrow_table(
         "identified, largest where it was measured, % FS",
         columns=("|effect", ">|value", ">|± (k = 2)", ">|measured"),
@@ -168,7 +168,7 @@ def effects_table(effects: Sequence[Effect], range_nm: float) -> RenderableType:
 
 
 def cells_table(points: CalibrationData, torque: Torque) -> RenderableType:
-    """Return errors and coverage of U in cells of speed, temperature and torque."""
+    """Return a table of errors and coverage of U in cells of speed, temperature and torque."""
     from torquebench.calibration import cell_rows
 
     table = narrow_table(

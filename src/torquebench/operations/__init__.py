@@ -1,8 +1,8 @@
-"""Operations: what a person or a program can have done, each stated once.
+"""Operations: everything that a person or a program can request, each defined once.
 
-An operation is a request, a preview, a function and its role. The command, the API's route, the
-job, the form, the documentation's page and the client's method are derived from it. They work on
-an open bench, on records or on files (`Place`) and return a `Result`.
+An operation consists of a request, a preview, a function and the required role. The command, the
+API's route, the job, the form, the documentation's page and the client's method are derived from
+it. Operations work on an open bench, on records or on files (`Place`) and return a `Result`.
 """
 
 import lazy_loader

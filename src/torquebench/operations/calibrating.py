@@ -1,4 +1,4 @@
-"""Calibrations on the bench: measure, resume, finish, discard; and what a calibration shows."""
+"""Calibrations on the bench: measure, resume, finish, discard; and the display of their results."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ __all__ = [
 ]
 
 MOST_STEPS = 5000
-"""Most points of one loading sequence: more would take a day and is a typing mistake."""
+"""Largest number of points of a loading sequence; more would take a day and is a typing mistake."""
 FIRST_MODELS = ("hybrid", "polynomial-2")
 
 Models = Annotated[
@@ -82,9 +82,9 @@ Activate = Annotated[
 class CalibrateRequest(MountedRequest):
     """Calibrate modules against the calibrator, fit the compensation and put it into use.
 
-    Zero, preload and the profile's staircase, each point a checkpoint: a pause waits at the next
-    point, without torque. Limits and interlocks are checked for the whole sequence before anything
-    moves.
+    The bench is zeroed, preloaded and loaded in the profile's steps. A pause takes effect at the
+    next point, without torque. Limits and interlocks are checked for the whole sequence before
+    anything moves.
     """
 
     side: Annotated[
@@ -159,7 +159,7 @@ class ResumeRequest(MountedRequest):
 class FinishRequest(Request):
     """Finish runs that are measured, after a kill or an error: enter, fit and register them.
 
-    Nothing is measured again. An interrupted calibration has to be resumed on its bench instead.
+    Nothing is measured. An interrupted calibration has to be resumed on its bench instead.
     """
 
     run_id: Annotated[
@@ -174,7 +174,7 @@ class FinishRequest(Request):
 
 
 class DiscardRequest(Request):
-    """Discard an unfinished run on the record; its folder stays unchanged."""
+    """Discard an unfinished run and record the decision; the run's folder stays unchanged."""
 
     run_id: Annotated[
         RunId, field("The run: its id, or the beginning of it.", title="Run", argument=True)
@@ -221,18 +221,18 @@ class CalibratedModel:
     Parameters
     ----------
     name : str
-        As it was chosen, such as "polynomial-2".
+        Name by which it was chosen, such as "polynomial-2".
     model_id : int or None
-        None before it is registered.
+        Number in the registry; None before registration.
     title, kind : str
     torque_nm : array
-        At each point.
+        Compensated torque at each point, N·m.
     errors : ErrorSummary
     curve : ModelCurve
     parameters : mapping
-        Those that were given.
+        Parameters that were specified.
     rising_only : bool
-        Fitted to the rising points alone.
+        Whether it was fitted to the rising points only.
     in_use : bool
     """
 
@@ -281,7 +281,7 @@ class CalibratedModule:
 
     @property
     def contradicting(self) -> bool:
-        """Whether points contradict each other, a model or the last calibration."""
+        """Whether points contradict each other, a model or the previous calibration."""
         return any(model.contradictions for model in self.models)
 
     def model(self, model_id: int) -> CalibratedModel:
@@ -301,7 +301,7 @@ class CalibrationResult(Result):
         return any(module.contradicting for module in self.modules)
 
     def page(self) -> Page:
-        """Return its description: errors on the points of the fit, which verify nothing."""
+        """Return its description: errors at the fitted points, which aren't a verification."""
         sides = " and ".join(module.side for module in self.modules)
         plural = "s" if len(self.modules) > 1 else ""
         sections = [part for module in self.modules for part in _module_sections(module)]
@@ -311,7 +311,7 @@ class CalibrationResult(Result):
 
 @dataclass(frozen=True, kw_only=True)
 class FinishedRuns(CalibrationResult):
-    """Finished runs, with the modules of those that were calibrations, and the unfinished ones."""
+    """Finished runs, with the calibrated modules, and runs that remain unfinished."""
 
     unfinished: tuple[str, ...] = ()
 
@@ -360,8 +360,8 @@ def _remarks(module: CalibratedModule) -> Sequence[str]:
     if module.contradicting:
         remarks.append(
             Message(
-                "find the cause and calibrate again, or decide by name and with a reason that "
-                "model-{number} is used nevertheless",
+                "find the cause and calibrate again, or activate model-{number} "
+                "nevertheless with a name and a reason",
                 module.models[0].model_id,
             )
         )
@@ -404,7 +404,7 @@ def described_module(
     entry : CalibrationEntry
     measured : StaircaseResult
     profile : Profile
-        That it followed, options included.
+        Profile of the run, including the options.
     fitted : sequence of (int, campaign.FittedModel)
         Registered models with their numbers.
     in_use : int or None
@@ -471,7 +471,7 @@ CURVE_POINTS = 201
 
 
 def calibration_curve(model: Any, data: calibration.CalibrationData) -> tuple[Any, Any, Any]:
-    """Return readings, and a model's additional torque there on the rising and falling branch."""
+    """Return readings, and a model's additional torque there on each branch."""
     import numpy as np
 
     low, high = float(np.min(data.reading_nm)), float(np.max(data.reading_nm))
@@ -701,12 +701,12 @@ def _loading(module: CalibratedModule) -> list[Block]:
 def model_choices(
     names: Sequence[str], parameters: Mapping[str, Any] | None = None, *, rising_only: bool = False
 ) -> list[campaign.ModelChoice]:
-    """Return the models to be fitted, checked.
+    """Check and return the models to be fitted.
 
     Raises
     ------
     InputError
-        There is no such kind or parameter, or parameters are given to several models.
+        A kind of model or parameter doesn't exist, or parameters are given for several models.
     """
     names = tuple(dict.fromkeys(names))
     if parameters and len(names) != 1:
@@ -722,7 +722,7 @@ def model_choices(
 
 
 def _profile(place: Place, request: CalibrateRequest, side: Side) -> calibration.Profile:
-    """Return the profile with the request's options; refuse one that is too long."""
+    """Return the profile with the request's options; raise an error if it has too many steps."""
     import numpy as np
 
     range_nm = place.station.description.module(side).range_nm
@@ -743,7 +743,7 @@ def _profile(place: Place, request: CalibrateRequest, side: Side) -> calibration
     )
     calibration.check_steps(profile)
     steps = (request.repeats or 1) * len(profile.loading.percents())
-    if steps <= MOST_STEPS:  # laying out more would take too long
+    if steps <= MOST_STEPS:  # more steps would take too long to compute
         steps = len(profile.staircase(range_nm, np.random.default_rng(0)))
     if steps > MOST_STEPS:
         raise InputError(
@@ -755,7 +755,7 @@ def _profile(place: Place, request: CalibrateRequest, side: Side) -> calibration
 
 
 def check_calibration(place: Place, request: CalibrateRequest) -> Iterable[str]:
-    """Refuse what the bench or the software can't do; return doubts."""
+    """Raise an error for an impossible calibration; return doubts."""
     import numpy as np
 
     from torquebench.bench.interlocks import check_torque_limit
@@ -770,7 +770,7 @@ def check_calibration(place: Place, request: CalibrateRequest) -> Iterable[str]:
 
 
 def preview_calibration(place: Place, request: CalibrateRequest) -> Preview:
-    """Rehearse the very plan that would run; a mounted calibrator has to read zero at rest."""
+    """Rehearse the plan of the calibration; a mounted calibrator has to read zero at rest."""
     from torquebench.campaign.measuring import standard_at_rest
 
     station, previews = place.station, []
@@ -806,7 +806,7 @@ def run_calibration(
 
 
 def _active(place: Place, choices: Sequence[campaign.ModelChoice], activate: bool) -> str | None:
-    """Return the name of the model to be put into use; None where that is left to others."""
+    """Return the name of the model to activate; None if the person may not activate models."""
     return choices[0].name if activate and choices and place.may("metrologist") else None
 
 
@@ -821,7 +821,7 @@ def _registered(
 
 
 def calibrate_title(request: CalibrateRequest) -> str:
-    """Return what a request does."""
+    """Return the title of a request."""
     if request.side == "both":
         return "Calibrate both modules"
     return Message("Calibrate the {side} module", request.side)
@@ -831,7 +831,7 @@ def calibrate_title(request: CalibrateRequest) -> str:
 
 
 def check_resumption(place: Place, request: ResumeRequest) -> Iterable[str]:
-    """Refuse a run that can't be resumed; return doubts."""
+    """Raise an error if the run can't be resumed; return doubts."""
     model_choices(request.models or ())
     run = campaign.find_interrupted(place.registry, request.run_id)
     if not _measured_completely(place.registry, run):
@@ -840,14 +840,14 @@ def check_resumption(place: Place, request: ResumeRequest) -> Iterable[str]:
 
 
 def _measured_completely(registry: records.Registry, run: records.RunSummary) -> bool:
-    """Whether only the registration of a calibration is missing."""
+    """Return whether a calibration's points were all measured, but it isn't registered."""
     return run.status == "completed" and registry.calibration_of_run(run.run_id) is None
 
 
 def run_resumption(place: Place, request: ResumeRequest, progress: Progress) -> CalibrationResult:
     """Resume an interrupted calibration at its interrupted series, then fit and register.
 
-    A run that was measured completely is only registered.
+    If all points were measured, the calibration is only registered.
     """
     from torquebench.procedures.staircase import describe_step
 
@@ -857,7 +857,7 @@ def run_resumption(place: Place, request: ResumeRequest, progress: Progress) -> 
         unfinished = campaign.find_unfinished(registry, run.run_id)
         finished = campaign.finish_run(registry, unfinished, progress).calibration
         assert finished is not None
-        remark = Message("every point of {run} was measured before", run.run_id)
+        remark = Message("all points of {run} were measured already", run.run_id)
         return CalibrationResult(**calibration_result([calibrated_module(finished)], [remark]))
     interrupted = campaign.read_interrupted(registry, run)
     choices, active = interrupted.choices
@@ -892,7 +892,7 @@ def run_resumption(place: Place, request: ResumeRequest, progress: Progress) -> 
 
 
 def interrupted_bench(registry: records.Registry, request: ResumeRequest) -> BenchDescription:
-    """Return the description of the bench that the interrupted run was measured on."""
+    """Return the description of the bench on which the interrupted run was measured."""
     from torquebench.bench.description import BenchDescription
     from torquebench.validation import validated
 
@@ -902,7 +902,7 @@ def interrupted_bench(registry: records.Registry, request: ResumeRequest) -> Ben
 
 
 def run_finish(place: Place, request: FinishRequest, progress: Progress) -> FinishedRuns:
-    """Finish runs as their own operations would have done."""
+    """Register the results of runs as their operations would have done."""
     registry, remaining = place.registry, []
     if request.run_id is None:
         runs = records.unfinished_runs(registry)
@@ -937,7 +937,7 @@ def _none_to_finish(remaining: Sequence[records.UnfinishedRun]) -> str:
 
 
 def run_discard(place: Place, request: DiscardRequest, _progress: Progress) -> Result:
-    """Enter the decision and its reason."""
+    """Register the discarding of a run with its reason."""
     run = campaign.find_unfinished(place.registry, request.run_id)
     campaign.discard_run(place.registry, run, by=place.operator, reason=request.reason)
     return Result(
@@ -948,7 +948,7 @@ def run_discard(place: Place, request: DiscardRequest, _progress: Progress) -> R
 
 
 def check_unfinished(place: Place, request: FinishRequest | DiscardRequest) -> Iterable[str]:
-    """Refuse a run that isn't unfinished."""
+    """Raise an error if the run isn't unfinished."""
     if request.run_id is not None:
         campaign.find_unfinished(place.registry, request.run_id)
     return ()

@@ -1,4 +1,4 @@
-"""All operations by name: those of the package, and those that files and packages add."""
+"""All operations by name: those of torquebench, of installed packages and of Python files."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ _PACKAGED: Mapping[str, str] = {
     "records finish": "calibrating:FINISH",
     "records discard": "calibrating:DISCARD",
 }
-"""Where the package's operations are, by name."""
+"""Module and attribute of each of torquebench's operations, by name."""
 
 
 class _Operations(Mapping[str, "Operation"]):
@@ -123,7 +123,7 @@ def _of_files() -> Iterator[tuple[str, Operation]]:
         module = sys.modules[name] = module_from_spec(spec)
         try:
             spec.loader.exec_module(module)
-        except Exception as error:  # a file of somebody else may raise anything
+        except Exception as error:  # a user's file may raise any exception
             frames = traceback.extract_tb(error.__traceback__)
             lines = [frame.lineno for frame in frames if frame.filename == spec.origin]
             line = error.lineno if isinstance(error, SyntaxError) else (lines or [0])[-1]
@@ -145,9 +145,10 @@ def _of_files() -> Iterator[tuple[str, Operation]]:
 
 
 def summary_of(name: str) -> str:
-    """Return the first line about an operation; of a packaged one without importing it.
+    """Return an operation's summary; for torquebench's operations without importing them.
 
-    A list of commands needs no more, and would take half as long again with all libraries.
+    A list of commands needs only the summaries, and importing all operations would take half as
+    long again.
     """
     if name not in _PACKAGED:
         return OPERATIONS[name].summary
@@ -170,7 +171,7 @@ def find_operation(name: str) -> Operation:
     Raises
     ------
     InputError
-        There is none.
+        There is no operation of this name.
     """
     found = next((each for each in OPERATIONS if name in (each, each.replace(" ", "-"))), None)
     if found is None:

@@ -62,7 +62,7 @@ class ReviewRequest(Request):
     sha256: Annotated[
         str,
         field(
-            "Hash of what was looked at; another one is refused.",
+            "Hash of the record that was reviewed; if it has changed, the review is refused.",
             title="Hash",
             expert=True,
             pattern="^([0-9a-f]{64})?$",
@@ -71,7 +71,7 @@ class ReviewRequest(Request):
 
 
 class CertificateRequest(Request):
-    """Issue the certificate of a calibration as PDF and digital XML; who issues it authorises it.
+    """Issue the certificate of a calibration as PDF and XML; the issuing person authorises it.
 
     Run folder and model are first compared with their registered hashes. If the calibration
     deviates from its profile, the profile determines whether the certificate states this or is
@@ -116,7 +116,7 @@ class CertificateRequest(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class IssuedCertificate(Result):
-    """A certificate that was issued; `unreviewed` lists unconfirmed statements of every page."""
+    """An issued certificate; `unreviewed` lists the warnings on its pages."""
 
     number: str
     calibration_id: int
@@ -129,7 +129,7 @@ class IssuedCertificate(Result):
 
     @property
     def failed(self) -> bool:
-        """A certificate is issued whatever it states."""
+        """Never: a certificate is issued whatever its verdict is."""
         return False
 
 
@@ -149,7 +149,7 @@ class CheckedCertificate(Result):
 
     @property
     def failed(self) -> bool:
-        """Whether something differs, or isn't signed that should be."""
+        """Whether the certificate differs from the registry, or lacks a required signature."""
         return not self.matches
 
     def page(self) -> Page:
@@ -172,12 +172,12 @@ class CheckedCertificate(Result):
 
 
 def subject_of(record: str) -> tuple[Any, int]:
-    """Return the table and the number of a record's name.
+    """Split a record's name into its table and number.
 
     Raises
     ------
     InputError
-        There is no such kind of record.
+        The name's kind of record doesn't exist.
     """
     kind, _, number = record.rpartition("-")
     if kind not in SUBJECTS or not number.isdecimal():
@@ -190,16 +190,16 @@ def subject_of(record: str) -> tuple[Any, int]:
 
 
 def run_review(place: Place, request: ReviewRequest, _progress: Progress) -> Decision:
-    """Enter the review of a record; a calibration that has changed since it was shown isn't."""
+    """Register the review of a record; refuse a calibration changed since it was displayed."""
     table, number = subject_of(request.record)
     signature = present_signature()
     if table == "calibrations":
         signature = signature.about(place.registry.covered(number))
         if request.sha256 and request.sha256 != signature.sha256:
             raise RecordError(
-                Message("calibration {number} has changed since it was shown", number),
-                "what was looked at",
-                "look at it again, then sign",
+                Message("calibration {number} has changed since it was displayed", number),
+                "the calibration that was reviewed",
+                "review it again, then sign",
             )
     place.registry.review(
         table,
@@ -221,7 +221,7 @@ def run_review(place: Place, request: ReviewRequest, _progress: Progress) -> Dec
 
 
 def check_request(place: Place, request: CertificateRequest) -> Iterable[str]:
-    """Refuse a calibration that doesn't exist, a number that is taken, and names of others."""
+    """Raise an error for an unknown calibration, a used number, or another person's name."""
     find_calibration(place.registry, request.calibration)
     _issue(place, request)
     if any(entry.number == request.number for entry in place.registry.certificates()):
@@ -232,7 +232,7 @@ def check_request(place: Place, request: CertificateRequest) -> Iterable[str]:
 
 
 def _issue(place: Place, request: CertificateRequest) -> Issue:
-    """Return the decisions of the persons who authorise; a typed name has to be theirs."""
+    """Return the decisions for the certificate; names must be those of the persons who act."""
     from torquebench.records.accounts import Accounts
     from torquebench.reports.certificate import (
         Issue,
@@ -267,7 +267,7 @@ def _issue(place: Place, request: CertificateRequest) -> Issue:
 def run_certificate(
     place: Place, request: CertificateRequest, progress: Progress
 ) -> IssuedCertificate:
-    """Issue a certificate that the person who wants it authorises."""
+    """Issue a certificate, authorised by the requesting person."""
     from torquebench.reports.certificate import archive_folder, build_record, issue_certificate
 
     registry: records.Registry = place.registry
@@ -309,7 +309,7 @@ def run_certificate(
 
 
 def _remarks(registry: records.Registry, record: CertificateRecord) -> Iterable[str]:
-    """Yield what the person who issues a certificate has to know of it."""
+    """Yield remarks for the person who issues a certificate."""
     from torquebench.records.runs.time_check import clock_behind, expired_on
     from torquebench.reports.certificate import UNREVIEWED
 
@@ -377,7 +377,7 @@ def checked_certificate(registry: records.Registry | None, given: str) -> Checke
 
 
 def _foreign(certificate: DigitalCertificate) -> list[Block]:
-    """Return what a certificate of another laboratory states."""
+    """Return facts and tables of another laboratory's certificate."""
     facts = {
         "laboratory": ", ".join(filter(None, (certificate.laboratory, certificate.country))),
         "item": " ".join(filter(None, (certificate.item, certificate.serial))),

@@ -44,11 +44,11 @@ __all__ = [
 
 RAW = "raw"
 DEFAULT_TOLERANCE = 0.1
-"""Of records without one, % of full scale."""
+"""Tolerance of records without a stated one, % of full scale."""
 
 
 class ZeroRequest(Request):
-    """Take the unloaded bench's reading for zero."""
+    """Measure the zeros of the unloaded bench."""
 
     sides: Annotated[
         tuple[Side, ...],
@@ -102,7 +102,7 @@ class VerificationRequest(MountedRequest):
 
 @dataclass(frozen=True)
 class ZeroOfSide:
-    """The zero of one side in the unit of its signal, and its deviation from the nominal one."""
+    """The zero of one side in the unit of its signal, and its deviation from the nominal zero."""
 
     signal: float
     unit: str
@@ -111,7 +111,7 @@ class ZeroOfSide:
 
 @dataclass(frozen=True, kw_only=True)
 class ZeroResult(Result):
-    """Zeros that were measured: a side that wasn't requested is null."""
+    """The measured zeros; null for a side that wasn't requested."""
 
     input: ZeroOfSide | None
     output: ZeroOfSide | None
@@ -130,7 +130,7 @@ class ZeroResult(Result):
 
 
 def run_zero(place: Place, request: ZeroRequest, progress: Progress) -> ZeroResult:
-    """Zero the modules and register it for the drift charts."""
+    """Zero the modules, and register the zeros for the control charts of drift."""
     station = place.station
     sides = tuple(dict.fromkeys(request.sides))
     record = campaign.measure(
@@ -163,7 +163,7 @@ def run_zero(place: Place, request: ZeroRequest, progress: Progress) -> ZeroResu
 
 @dataclass(frozen=True, kw_only=True)
 class CheckedModule(Result):
-    """A module against the check standard: each point with its verdict."""
+    """Result of a check against the check standard: each point with its verdict."""
 
     side: Side
     range_nm: float
@@ -212,7 +212,7 @@ class CheckedModule(Result):
 
 
 def check_check(place: Place, request: CheckRequest) -> Iterable[str]:
-    """Refuse a profile that there isn't; return doubts."""
+    """Raise an error if the profile doesn't exist; return doubts."""
     place.library.profile(request.profile)
     return tuple(
         campaign.doubts_before(place.station, place.registry, campaign.VERIFICATION_STANDARD)
@@ -230,7 +230,7 @@ def preview_check(place: Place, request: CheckRequest) -> Preview:
 
 
 def run_check(place: Place, request: CheckRequest, progress: Progress) -> CheckedModule:
-    """Load a few steps against the check standard, judge and register."""
+    """Load a few steps against the check standard, and register the verdict."""
     check = campaign.check_module(
         place.station,
         request.side,
@@ -262,7 +262,7 @@ def run_check(place: Place, request: CheckRequest, progress: Progress) -> Checke
 
 
 def check_title(request: CheckRequest) -> str:
-    """Return what a request does."""
+    """Return the title of a request."""
     return Message("Check the {side} module", request.side)
 
 
@@ -276,13 +276,13 @@ class VerifiedModel:
     Parameters
     ----------
     model_id : int or None
-        None for the raw reading.
+        Number of the model; None for the raw reading.
     title : str
     verdict : str
-        The worst of all points, with the guard band w = U.
+        The worst verdict of all points, with the guard band w = U.
     errors : ModelVerification
     torque_nm, expanded_uncertainty_nm : array
-        At each point; U contains the standard.
+        Torque and U at each point, in N·m; U contains the standard's.
     not_in_u : sequence of str
         Influences that U doesn't contain.
     """
@@ -305,7 +305,7 @@ class VerifiedModel:
 
 @dataclass(frozen=True, kw_only=True)
 class VerifiedModule(Result):
-    """Models at fresh points: the raw reading first, then the model whose verdict it is."""
+    """Models at fresh points: first the raw reading, then the model that determines the verdict."""
 
     side: str
     range_nm: float
@@ -468,7 +468,7 @@ def models_of(
 
 
 def _entries(place: Place, request: VerificationRequest) -> dict[str, records.ModelEntry]:
-    """Return the models to be verified by name; each must belong to this module."""
+    """Return the models to be verified, by name; each must belong to this module."""
     registry, description = place.registry, place.station.description
     transducer = description.module(request.side).transducer.serial
     if request.calibration is not None:
@@ -520,7 +520,7 @@ def _verification_profile(
 
 
 def check_verification(place: Place, request: VerificationRequest) -> Iterable[str]:
-    """Refuse models that don't exist or aren't this module's; return doubts."""
+    """Raise an error for unknown models or models of another module; return doubts."""
     _verification_profile(place, request, _entries(place, request))
     return tuple(
         campaign.doubts_before(place.station, place.registry, campaign.VERIFICATION_STANDARD)
@@ -545,7 +545,7 @@ def preview_verification(place: Place, request: VerificationRequest) -> Preview:
 def run_verification(
     place: Place, request: VerificationRequest, progress: Progress
 ) -> VerifiedModule:
-    """Measure fresh points, judge every model and register the outcome."""
+    """Measure fresh points, evaluate every model and register the results."""
     entries = _entries(place, request)
     verified = campaign.verify_on_bench(
         place.station,
@@ -614,14 +614,14 @@ def verified_module(
     *,
     run_id: str,
 ) -> VerifiedModule:
-    """Judge every model at the points of a verification, by the metadata of its run.
+    """Evaluate every model at the points of a verification, with the metadata of its run.
 
     Parameters
     ----------
     metadata : mapping
         Of the run.
     chains : mapping of str to MeasuringChain
-        By "model-N"; the verdict is that of the first.
+        Chains by "model-N"; the verdict is that of the first.
     data : CalibrationData
         The fresh points.
     result : VerificationResult
@@ -678,7 +678,7 @@ def verified_module(
 
 
 def verification_title(request: VerificationRequest) -> str:
-    """Return what a request does."""
+    """Return the title of a request."""
     return Message("Verify the {side} module", request.side)
 
 

@@ -1,4 +1,4 @@
-"""Reducer tests from tables of any bench: columns, options and evaluation of each.
+"""Evaluate reducer tests from tables of any bench: columns, options and evaluation of each test.
 
 Evaluations are imported only when used, so that help lists the operations quickly.
 """
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     Table = Mapping[str, NDArray[np.float64]]
 
 MA_PER_A = 1e3
-"""Currents of a table are in mA."""
+"""Milliamperes per ampere; tables state currents in mA."""
 Evaluated = tuple[Any, dict[str, Any]]
-"""A result, and the settings that options and reducer together determine."""
+"""A result, and the settings determined by options and reducer."""
 TABLE = "A table with a header (CSV, Excel, TDMS, …)"
 
 # -- requests -------------------------------------------------------------------------------
@@ -61,11 +61,11 @@ class TableEvaluation(Request, ABC):
     Attributes
     ----------
     title : str
-        Of the test; an option in braces stands for its value.
+        Title of the test; an option in braces stands for its value.
     test : str
         The test on the bench whose figures show the result; empty for none.
     columns : mapping of str to str
-        Kind of each quantity in the table, by its name.
+        Kind of quantity of each column, by the column's name.
     needed : tuple of str
         Quantities that the table must have.
 
@@ -97,11 +97,11 @@ class TableEvaluation(Request, ABC):
         tuple[str, ...], field("Use only rows with Header=value,value. May be repeated.")
     ] = ()
     keep_outliers: Annotated[
-        Flag, field("Evaluate single samples far from their neighbours with the others.")
+        Flag, field("Also evaluate outliers: single samples far from their neighbours.")
     ] = False
     output: Annotated[
         Path | None,
-        field("A folder for every number and the curves.", local=True, output=("folder",)),
+        field("Folder for a file with all results and the curves.", local=True, output=("folder",)),
     ] = None
 
     def required(self) -> tuple[str, ...]:
@@ -113,7 +113,7 @@ class TableEvaluation(Request, ABC):
         return None
 
     def check(self, _reducer: reducers.ReducerDescription | None, /) -> None:
-        """Refuse options that can't be evaluated, before the table is read."""
+        """Raise an error for invalid options, before the table is read."""
         return
 
     @abstractmethod
@@ -143,7 +143,7 @@ class DescribedEvaluation(TableEvaluation, ABC):
 
 
 class MotorEvaluation(TableEvaluation, ABC):
-    """An evaluation whose torque may be that of a motor by its current."""
+    """An evaluation whose torque may be computed from a motor's current."""
 
     torque_constant: Annotated[
         Number | None,
@@ -152,24 +152,24 @@ class MotorEvaluation(TableEvaluation, ABC):
     driven: ClassVar[str] = "torque"
 
     def required(self) -> tuple[str, ...]:
-        """Return the needed quantities: with a torque constant the current in place of a torque."""
+        """Return the needed quantities; with a torque constant, the current replaces the torque."""
         if self.torque_constant is None:
             return self.needed
         return tuple("current" if name == self.driven else name for name in self.needed)
 
     def by_current(self, table: Table) -> Table:
-        """Return the table with the torque of the current, if a torque constant is given."""
+        """Return the table with torque computed from current, if a torque constant is given."""
         if self.torque_constant is None:
             return table
         return {**table, self.driven: table["current"] * (self.torque_constant / MA_PER_A)}
 
 
 class GearedEvaluation(MotorEvaluation, ABC):
-    """An evaluation whose columns may be those of the motor before the reducer."""
+    """An evaluation whose columns may be of the motor, on the input side of the reducer."""
 
     ratio: Annotated[
         Number | None,
-        field("Motor's turns per output turn: results are those at the output, without a loss."),
+        field("Motor's turns per output turn: converts results to the output, without losses."),
     ] = None
     motor_columns: Annotated[
         Literal["all", "motion", "torque"],
@@ -177,7 +177,7 @@ class GearedEvaluation(MotorEvaluation, ABC):
     ] = "all"
 
     def at_output(self, table: Table) -> Table:
-        """Return torques, angles and speeds at the output."""
+        """Convert torques, angles and speeds of the motor to the output."""
         table = self.by_current(table)
         if self.ratio is None:
             return table
@@ -228,10 +228,10 @@ class Hysteresis(GearedEvaluation, DescribedEvaluation):
     ] = None
     regions_nm: Annotated[tuple[Number, Number] | None, field("T1 and T2 of three regions.")] = None
     settling_loops: Annotated[
-        int, field("Loops left out at the start of each position.", ge=0), WHOLE
+        int, field("Number of first loops at each position to leave out.", ge=0), WHOLE
     ] = 0
     closure_percent: Annotated[
-        Number, field("Gap that counts as closed, % of the width.", ge=0, le=100)
+        Number, field("Largest gap of a closed loop, % of its width.", ge=0, le=100)
     ] = 5.0
     bench_compliance_arcmin_per_nm: Annotated[Number, field("Twist of the bench.", ge=0)] = 0.0
     compliance_uncertainty_arcmin_per_nm: Annotated[
@@ -259,12 +259,12 @@ class Hysteresis(GearedEvaluation, DescribedEvaluation):
         return needed if self.flange_inertia_kgm2 is None else (*needed, "time")
 
     def check(self, reducer: reducers.ReducerDescription | None, /) -> None:
-        """Refuse loops without a rated torque."""
+        """Raise an error without a rated torque."""
         if self.rated_torque_nm is None and reducer is None:
             raise InputError("no rated torque", "--rated-torque, or --reducer")
 
     def evaluate(self, table: Table, reducer: reducers.ReducerDescription | None, /) -> Evaluated:
-        """Evaluate the loops; the lost-motion rule and the torques are the reducer's by default."""
+        """Evaluate the loops; by default with the reducer's lost-motion rule and torques."""
         table, flange = self.at_output(table), None
         if self.flange_inertia_kgm2 is not None:
             flange = reducers.FlangeInertia(
@@ -325,7 +325,7 @@ class Friction(GearedEvaluation):
     needed = ("speed", "torque")
 
     form: Annotated[str, field("best, or the parts: coulomb, coulomb-viscous, ….")] = "best"
-    exponent: Annotated[int, field("Of the Stribeck part.", ge=1, le=2), WHOLE] = 2
+    exponent: Annotated[int, field("Exponent of the Stribeck part.", ge=1, le=2), WHOLE] = 2
     tolerance_rpm: SpeedTolerance = None
     zeroed: Zeroed = False
     zero_uncertainty_nm: ZeroUncertainty = 0.0
@@ -469,7 +469,7 @@ class TransmissionError(DescribedEvaluation):
     """Evaluate transmission error over output revolutions: peak to peak and orders.
 
     Columns: input and output (angles of both encoders at the same moments), optionally time. Both
-    directions may follow each other. A motion to and fro under one revolution gives backlash and
+    directions may follow each other. A reciprocating motion under one revolution gives backlash and
     lost motion.
     """
 
@@ -494,7 +494,7 @@ class TransmissionError(DescribedEvaluation):
     ] = 0.0
 
     def evaluate(self, table: Table, reducer: reducers.ReducerDescription | None, /) -> Evaluated:
-        """Evaluate revolutions, or strokes under one; the highest order is the reducer's."""
+        """Evaluate revolutions or shorter strokes; the reducer determines the highest order."""
         driving, driven = table["input"], table["output"]
         if self.wrapped:
             driving, driven = reducers.unwrapped(driving), reducers.unwrapped(driven)
@@ -595,7 +595,7 @@ def _ratio(ratio: float | None, reducer: reducers.ReducerDescription | None) -> 
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluatedTable(Result):
-    """A reducer test from a table; findings forbid a verdict or qualify it."""
+    """A reducer test evaluated from a table; findings qualify or forbid its verdict."""
 
     test: str
     data: str
@@ -611,7 +611,7 @@ class EvaluatedTable(Result):
 
     @property
     def failed(self) -> bool:
-        """Whether a limit isn't kept, or a finding forbids a verdict."""
+        """Whether a limit is exceeded, or a finding forbids a verdict."""
         return super().failed or any(each.severe for each in self.findings)
 
     def page(self) -> Page:
@@ -624,7 +624,7 @@ class EvaluatedTable(Result):
 
 
 def check_evaluation(place: Place, request: TableEvaluation) -> Iterable[str]:
-    """Refuse options that can't be evaluated, and a table that isn't kept but hashed."""
+    """Raise an error for invalid options, or a table from a stream, which can't be hashed."""
     from torquebench.tables import check_kept
 
     request.check(request.described(place))
@@ -635,7 +635,7 @@ def check_evaluation(place: Place, request: TableEvaluation) -> Iterable[str]:
 
 
 def run_evaluation(place: Place, request: TableEvaluation, _progress: Progress) -> EvaluatedTable:
-    """Read the table, evaluate it, and write every number where a folder is named."""
+    """Read and evaluate the table; write all results if a folder is named."""
     from torquebench.campaign.reducers.columns import read_columns
     from torquebench.campaign.reducers.quantities import result_quantities
     from torquebench.uncertainty import Verdict
@@ -708,7 +708,7 @@ def _headline(
     if not judged:
         return Message("{count} quantities, none with a limit.", quantities)
     kept = sum(not each.decision.verdict.failed for each in judged)
-    return Message("{kept} of {count} limits kept.", kept, len(judged))
+    return Message("{kept} of {count} limits met.", kept, len(judged))
 
 
 def _numbers(
@@ -742,7 +742,7 @@ def _numbers(
 
 
 def _written(output: Path, content: Mapping[str, Any], result: Any) -> tuple[str, ...]:
-    """Write every number, and the data of figures as CSV; return the names of the files."""
+    """Write all results as JSON and the figures' data as CSV; return the names of the files."""
     from torquebench.atomic_write import atomic_write
     from torquebench.records import json_text
 

@@ -1,4 +1,4 @@
-"""What registered calibrations show over time: two of them compared, and the drift."""
+"""Compare two registered calibrations, and evaluate a transducer's drift over time."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class CompareRequest(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class ComparedCalibrations(Result):
-    """Two calibrations of one transducer, by the time at which they were performed."""
+    """Comparison of two calibrations of one transducer, in order of time."""
 
     before: str
     after: str
@@ -61,7 +61,7 @@ class ComparedCalibrations(Result):
 
 
 def run_compare(place: Place, request: CompareRequest, _progress: Progress) -> ComparedCalibrations:
-    """Compare, and write the steps where a file is named."""
+    """Compare the calibrations, and write the steps if a file is named."""
     from torquebench.campaign.calibration_comparison import compare_calibrations
 
     names = (request.first, request.second)
@@ -132,7 +132,7 @@ class DriftRequest(Request):
 
 @dataclass(frozen=True)
 class DriftChart:
-    """One quantity of a transducer over time; null where there are too few values."""
+    """One quantity of a transducer over time; statistics are null if there are too few values."""
 
     title: str
     unit: str
@@ -152,7 +152,7 @@ class DriftChart:
 
 @dataclass(frozen=True, kw_only=True)
 class DriftResult(Result):
-    """Control charts of one transducer, and the day by which it is to be calibrated."""
+    """Control charts of one transducer, and the day by which it is due for calibration."""
 
     transducer_serial: str
     due: date | None
@@ -265,7 +265,7 @@ def run_drift(place: Place, request: DriftRequest, _progress: Progress) -> Drift
         else Message("Calibrate again by {day:%Y-%m-%d}.", due),
         simulated=any(each.simulated for each in found),
         remarks=tuple(
-            Message("{title}: not in control; look for the reason before you go on", each.title)
+            Message("{title}: not in control; find the reason before you continue", each.title)
             for each in outside
         ),
         transducer_serial=serial,

@@ -1,4 +1,4 @@
-"""Models of registered calibrations: compare kinds, fit one more, put one into use."""
+"""Models of registered calibrations: compare kinds of model, fit another one, activate one."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class CompareModelsRequest(Request):
 
 
 class FitModelRequest(Request):
-    """Fit one more model to a registered calibration and register it."""
+    """Fit another model to a registered calibration and register it."""
 
     calibration: Calibration
     model: Annotated[
@@ -71,8 +71,7 @@ class FitModelRequest(Request):
 class UseRequest(Request):
     """Put a model into use for its transducer and counter.
 
-    A model whose calibration contradicts itself is used only where a person decides it with a
-    reason.
+    A model whose calibration contradicts itself is used only if a person decides so, with a reason.
     """
 
     model: Annotated[ModelNumber, field("The model.", argument=True)]
@@ -95,12 +94,12 @@ class DeactivateRequest(Request):
 def calibration_points(
     registry: records.Registry, number: int
 ) -> tuple[records.CalibrationEntry, Any]:
-    """Return a calibration of a bench, and its folder's measured result.
+    """Return a bench's calibration, and the measured result from its folder.
 
     Raises
     ------
     RecordError
-        It isn't registered, has no run, or its run was changed.
+        The calibration isn't registered, has no run, or its run was changed.
     """
     entry = registry.calibration(number)
     if entry.run_id is None:
@@ -117,12 +116,12 @@ def calibration_points(
 
 
 def stored_module(registry: records.Registry, number: int) -> CalibratedModule:
-    """Return what is known of a registered calibration: its points and all of its models.
+    """Return a registered calibration with its points and all of its models.
 
     Raises
     ------
     RecordError
-        As of `calibration_points`; a model's file is missing or was changed.
+        As in `calibration_points`, or a model's file is missing or was changed.
     """
     entry, (measured, profile) = calibration_points(registry, number)
     remarks = campaign.remarks_on(measured.result.data)
@@ -139,7 +138,7 @@ def stored_module(registry: records.Registry, number: int) -> CalibratedModule:
 def _fitted(
     stored: chain.MeasuringChain, entry: records.ModelEntry, remarks: tuple[str, ...]
 ) -> campaign.FittedModel:
-    """Return a stored model as it was fitted, with those parameters that aren't its defaults."""
+    """Return a stored model as a fitted one, with the parameters that aren't defaults."""
     model = stored.model
     name = model.name
     usual = compensation.make_model(name).kind_parameters
@@ -165,7 +164,7 @@ def _fitted(
 
 @dataclass(frozen=True, kw_only=True)
 class ComparedModels(Result):
-    """All kinds of model at points that they weren't fitted to."""
+    """Comparison of all kinds of model at points that they weren't fitted to."""
 
     calibration_id: int
     scores: Sequence[compensation.ModelScore]
@@ -188,7 +187,7 @@ class ComparedModels(Result):
 def comparison_table(
     scores: Sequence[compensation.ModelScore], marked: str, folds: int, steps: int
 ) -> Table:
-    """Return kinds of model by their errors at steps that they weren't fitted to."""
+    """Return a table of each model's errors at steps that it wasn't fitted to."""
     from torquebench.reports.errors_table import number
 
     rows = [
@@ -221,7 +220,7 @@ def comparison_table(
 
 
 def compare_points(X: Any, y: Any, range_nm: float, progress: Progress) -> compensation.Comparison:
-    """Compare all candidates on some points; return the table without the fitted models."""
+    """Compare all kinds of model on some points; return the result without the fitted models."""
     comparison = compensation.compare(X, y, range_nm=range_nm, progress=progress)
     return replace(comparison, models={})
 
@@ -229,7 +228,7 @@ def compare_points(X: Any, y: Any, range_nm: float, progress: Progress) -> compe
 def check_calibration_points(
     place: Place, request: CompareModelsRequest | FitModelRequest
 ) -> Iterable[str]:
-    """Refuse a calibration without points."""
+    """Raise an error if the calibration has no points."""
     calibration_points(place.registry, request.calibration)
     return ()
 
@@ -237,7 +236,7 @@ def check_calibration_points(
 def run_comparison(
     place: Place, request: CompareModelsRequest, progress: Progress
 ) -> ComparedModels:
-    """Compare, in a separate process on an open bench, so that its threads aren't delayed."""
+    """Compare the models, on an open bench in a separate process that doesn't delay its threads."""
     import numpy as np
 
     entry, (measured, _) = calibration_points(place.registry, request.calibration)
@@ -271,13 +270,13 @@ def run_comparison(
 
 
 def check_fit(place: Place, request: FitModelRequest) -> Iterable[str]:
-    """Refuse a model or a calibration that doesn't exist."""
+    """Raise an error for an unknown kind of model or calibration."""
     model_choices([request.model], request.parameters, rising_only=request.rising_only)
     return check_calibration_points(place, request)
 
 
 def run_fit(place: Place, request: FitModelRequest, progress: Progress) -> CalibrationResult:
-    """Fit one more model to the points of a calibration and register it."""
+    """Fit another model to the points of a calibration and register it."""
     from torquebench.campaign.external_calibration import KIND as TABLE
 
     registry = place.registry
@@ -317,7 +316,7 @@ def run_fit(place: Place, request: FitModelRequest, progress: Progress) -> Calib
 
 
 def run_use(place: Place, request: UseRequest, _progress: Progress) -> Decision:
-    """Put a model into use, with a name and a reason."""
+    """Activate a model, with a name and a reason."""
     registry = place.registry
     entry = registry.model(request.model)
     entry.check_file()

@@ -1,4 +1,4 @@
-"""An operation: a request and the function that does it. All interfaces are derived from it."""
+"""An operation: a request, and the function that performs it. All interfaces derive from it."""
 
 from __future__ import annotations
 
@@ -77,28 +77,28 @@ __all__ = [
 
 
 def _whole(value: Any) -> Any:
-    """Accept 20.0 as 20, as JSON does, but neither text nor booleans."""
+    """Accept 20.0 for 20, which are equal in JSON, but neither text nor booleans."""
     if isinstance(value, bool | str | bytes):
         raise ValueError("a whole number")  # noqa: TRY004 - pydantic passes TypeErrors on
     return value
 
 
 def _in_words(moment: Any) -> Any:
-    """Refuse seconds since 1970, which look like a typing mistake."""
+    """Refuse times in seconds since 1970, which are probably typing mistakes."""
     if not re.match(r"\d{4}-\d{2}-\d{2}[T ]", str(moment)):
         raise ValueError("a time such as 2026-01-31T12:00:00Z")
     return moment
 
 
 def _day_in_words(day: Any) -> Any:
-    """Refuse seconds since 1970 for a day, too."""
+    """Refuse days in seconds since 1970."""
     if not re.fullmatch(r"\d{4}-\d{2}-\d{2}", str(day)):
         raise ValueError("a day such as 2026-01-31")
     return day
 
 
 def _of_our_time(moment: datetime) -> datetime:
-    """Refuse years that databases can't convert to another time zone."""
+    """Refuse years for which databases can't convert time zones."""
     if not 1900 <= moment.year <= 2900:
         raise ValueError("a moment between 1900 and 2900")
     return moment
@@ -115,19 +115,19 @@ def _known_model(name: str) -> str:
 Flag: TypeAlias = Annotated[bool, Strict()]
 Number: TypeAlias = Annotated[float, Strict()]
 WHOLE = BeforeValidator(_whole)
-"""Put it last: constraints before it stay in the schema."""
+"""Validator of whole numbers; it must be the last one, or constraints are missing in the schema."""
 Identifier: TypeAlias = Annotated[int, Field(ge=1, le=2**53), WHOLE]
 """Number of a record."""
 
 
 @dataclass(frozen=True)
 class Numbered:
-    """Mark of a field with a record's number, which people write as "model-14"."""
+    """Marks a field with a record's number, which people may write as "model-14"."""
 
     record: str
 
     def number(self, value: Any) -> Any:
-        """Return the number in a record's name; other values are returned for the next check."""
+        """Return the number in a record's name; leave other values to the next validator."""
         if isinstance(value, str) and value.startswith(f"{self.record}-"):
             digits = value.removeprefix(f"{self.record}-")
             value = int(digits) if digits.isdecimal() else value
@@ -162,7 +162,7 @@ Moment: TypeAlias = Annotated[
 Day: TypeAlias = Annotated[date, BeforeValidator(_day_in_words)]
 """Day as text."""
 Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=500)]
-"""Name of a profile or a reducer; which there are is up to the place."""
+"""Name of a profile or a reducer; the place determines which exist."""
 ModelName: TypeAlias = Annotated[
     str,
     Field(max_length=64),
@@ -171,7 +171,7 @@ ModelName: TypeAlias = Annotated[
 ]
 """Kind of a model."""
 RunId: TypeAlias = Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
-"""Identifier of a run: never a path."""
+"""Identifier of a run, which can't be a path."""
 
 
 def plain_text(text: str, longest: int) -> str:
@@ -206,31 +206,31 @@ def field(
     Parameters
     ----------
     help : str
-        A sentence, shown beside the option and the form's field.
+        A sentence for the option's help and the form's field.
     title : str
         Label of the form's field; by default the field's name without its unit.
     unit : str
-        By default the one that the field's name ends in.
+        Unit; by default that at the end of the field's name.
     argument : bool
-        The command takes the value without an option's name.
+        Whether the command takes the value as an argument instead of an option.
     expert : bool
-        Forms show it in a fold.
+        Whether forms show it in the collapsed part for experts.
     choices : str
-        Which names are allowed: "models", or those of the place: "profiles", "reducers" or a part
-        of them, such as "profiles:random".
+        Allowed names: "models", or those of the place: "profiles", "reducers" or a part of them,
+        such as "profiles:random".
     titles : mapping of str to str, optional
         Titles of the choices in forms.
     role : str
-        Who may choose another value than the default.
+        Role needed to change the default.
     decision : bool
-        Only a person may, not a program.
+        Whether only a person may change the default, not a program.
     local : bool
-        Only the command has it: a file of this computer, or a name that somebody types.
+        Whether only the command has the field: a file on this computer, or a typed name.
     output : tuple of str
-        Endings of the file that is written, or "folder".
+        Suffixes of an output file, or "folder".
     examples : tuple
     **limits
-        Such as `ge` and `max_length`, as of `pydantic.Field`.
+        Limits of `pydantic.Field`, such as `ge` and `max_length`.
     """
     extra: Any = {"title": title, "unit": unit, "argument": argument, "expert": expert}
     extra |= {"choices": choices, "role": role, "decision": decision, "local": local}
@@ -248,7 +248,7 @@ class Request(BaseModel):
 
     @classmethod
     def __pydantic_init_subclass__(cls, **_options: Any) -> None:
-        """State the unit that a field's name ends in."""
+        """Add the unit at the end of a field's name to the field's schema."""
         for name, info in cls.model_fields.items():
             if isinstance(info.json_schema_extra, dict):
                 info.json_schema_extra["unit"] = info.json_schema_extra.get("unit") or unit_of_name(
@@ -257,7 +257,7 @@ class Request(BaseModel):
 
 
 class MountedRequest(Request):
-    """Parameters of an operation that loads a mounted part."""
+    """Base of requests that load a mounted part."""
 
     mounting: Annotated[
         MountingRecord,
@@ -287,31 +287,31 @@ def chosen_sides(side: Literal["input", "output", "both"]) -> tuple[Side, ...]:
 
 
 LARGEST_STATED = 1e5
-"""A higher limit only keeps nonsense away."""
+"""Higher limits are only safeguards against nonsense and aren't stated."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A field of a request as commands, forms and pages show it.
+    """A field of a request, described for commands, forms and pages.
 
     Parameters
     ----------
     name, title, help, unit : str
     kind : {"number", "whole", "flag", "choice", "path", "text", "record", "values"}
-        A record is a model with fields of its own, values are names with values.
+        "record" is a nested model with fields; "values" are names with values.
     default : object
-        None where there is none.
+        Default value; None without one.
     required, several, pair, optional : bool
         `several`: any number of values; `pair`: two; `optional`: null is allowed.
     choices : tuple of str
     low, high : float or None
-        Limits of a number; `above`: the lower one isn't allowed itself.
+        Limits of a number; with `above`, the lower limit itself isn't allowed.
     argument, expert : bool
     names, titles, role, decision, local, output
         See `field`.
     record : type of BaseModel or None
     numbered : str
-        Kind of record, such as "model", whose number it is.
+        Kind of record, such as "model", if the field is a record's number.
     """
 
     name: str
@@ -352,7 +352,7 @@ class Parameter:
 
     @property
     def limits(self) -> str:
-        """Limits in a few figures; empty without any."""
+        """The limits as text; empty without limits."""
         if self.numbered or (self.low is None and self.high is None):
             return ""
         low = "" if self.low is None else f"{self.low:g}"
@@ -364,7 +364,7 @@ class Parameter:
 
 
 def parameters(model: type[BaseModel]) -> tuple[Parameter, ...]:
-    """Return the fields of a request in their order; those of its base classes last."""
+    """Return the fields of a request in order, those of its base classes last."""
     own = [name for name in model.model_fields if name in model.__annotations__]
     names = dict.fromkeys([*own, *model.model_fields])
     return tuple(_parameter(name, model.model_fields[name]) for name in names)
@@ -413,7 +413,7 @@ def _parameter(name: str, info: FieldInfo) -> Parameter:
 
 
 def _bound(bound: Any) -> float | None:
-    """Return the number of a limit."""
+    """Return the value of a limit."""
     values = (getattr(bound, name, None) for name in ("ge", "gt", "le", "lt"))
     return next((float(value) for value in values if value is not None), None)
 
@@ -449,56 +449,57 @@ def _reduced(annotation: Any) -> tuple[Any, list[Any], bool]:
 
 
 def _nothing_to_check(_place: Place, _request: Any) -> Iterable[str]:
-    """Every request is possible."""
+    """Accept every request without doubts."""
     return ()
 
 
 @dataclass(frozen=True)
 class Operation:
-    """What a person or a program can have done.
+    """An operation that a person or a program can request.
 
     Parameters
     ----------
     name : str
-        Of the command, the API's route and the job. A command within a group has the group's name
-        before it: "records review".
+        Name of the command, the API's route and the job; a command in a group includes the group's
+        name: "records review".
     request : type of Request
-        Its docstring describes the operation: the first line in lists, all of it on its page.
+        Its docstring describes the operation: the first line in lists, the whole docstring on its
+        page.
     run : callable
         ``run(place, request, progress)`` returns a `Result`.
     title : callable
-        Returns what a request does, in a few words.
+        Returns a short title of a request.
     preview : callable, optional
-        ``preview(place, request)`` rehearses it: nothing moves.
+        ``preview(place, request)`` rehearses the operation without moving anything.
     check : callable
-        ``check(place, request)`` refuses what can't be done, before anything is. It returns doubts
-        about the result, in words.
+        ``check(place, request)`` raises an error for an impossible request before it starts, and
+        returns doubts about the result as texts.
     bench : callable, optional
-        ``bench(registry, request)`` returns the description of the bench that a request belongs
-        to, if it is another than the usual one.
+        ``bench(registry, request)`` returns the description of the bench that the request needs, if
+        it isn't the default one.
     where : {"bench", "records", "files"}
-        What it needs: an open bench, a registry, or nothing but files.
+        Whether it needs an open bench, a registry, or only files.
     role : {"operator", "metrologist", "administrator"}
-        Who may have it done.
+        Role that may request it.
     moves : bool
-        Whether the bench moves: then no alarm may be latched.
+        Whether the bench moves, which requires that no alarm is latched.
     loads : bool
-        Whether it moves with torque or speed: on a real bench a person has to confirm that it is
-        clear.
+        Whether it applies torque or speed; on a real bench a person then has to confirm that the
+        bench is clear.
     quick : bool
-        Whether it is done at once: no job.
+        Whether it is performed at once, not as a job.
     signed : bool
         Whether a person has to sign with the password.
     local : bool
-        Whether only the command line has it.
+        Whether only the command line offers it.
     exclusive : bool
-        Whether no other process may have the bench and its records open.
+        Whether it needs exclusive access to the bench and its records.
     commands : bool
-        Whether a panel asks for the command of the bench; always for what moves it.
+        Whether the panel's user needs the command of the bench; always true for movements.
     activates : bool
-        Whether other models may be in use afterwards.
+        Whether it may change the active models.
     can_pause, can_finish : bool
-        `can_finish`: it runs until a person finishes it.
+        Whether it can be paused, and whether a person can finish it early.
     """
 
     name: str
@@ -522,29 +523,29 @@ class Operation:
     can_finish: bool = False
 
     def doubts(self, place: Place, request: Any) -> tuple[str, ...]:
-        """Refuse what can't be done, before anything is; return doubts about the result."""
+        """Raise an error for an impossible request, or return doubts about the result."""
         doubts = tuple(self.check(place, request))
         mounting = getattr(request, "mounting", None)
         return doubts if mounting is None or not mounting.doubt else (*doubts, mounting.doubt)
 
     @property
     def key(self) -> str:
-        """Name in addresses and in Python."""
+        """Name in URLs and in Python."""
         return self.name.replace(" ", "-")
 
     @property
     def served(self) -> bool:
-        """Whether panel and API have it."""
+        """Whether panel and API offer it."""
         return self.where != "files" and not self.local
 
     @property
     def local_fields(self) -> tuple[str, ...]:
-        """Fields that only the command has."""
+        """Names of the fields that only the command has."""
         return tuple(each.name for each in parameters(self.request) if each.local)
 
     @property
     def signable(self) -> bool:
-        """Whether a person can sign with the password: also decisions that are done at once."""
+        """Whether a person can sign it with the password; true for decisions performed at once."""
         return self.signed or (self.quick and self.role != "operator")
 
     @property
@@ -559,7 +560,7 @@ class Operation:
 
     @property
     def paragraphs(self) -> tuple[str | tuple[str, ...], ...]:
-        """Its description's paragraphs, each on one line; of a list its items."""
+        """The description's paragraphs, each on one line; a list is a tuple of its items."""
         return tuple(
             tuple(" ".join(item.split()) for item in part.removeprefix("- ").split("\n- "))
             if part.startswith("- ")

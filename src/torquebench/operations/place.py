@@ -1,4 +1,4 @@
-"""Where an operation works: an open bench, records, or nothing but files."""
+"""Where an operation works: on an open bench, on records, or on files only."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ ROLES: tuple[Role, ...] = ("operator", "metrologist", "administrator")
 
 
 def allows(role: Role, wanted: Role) -> bool:
-    """Whether a role includes another one.
+    """Return whether a role includes another role.
 
     Examples
     --------
@@ -53,17 +53,17 @@ class Library(Protocol):
     """Profiles and reducers by name."""
 
     def turning(self, name: str) -> TurningProfile:
-        """Return a profile of turning; raises InputError where there is none of this name."""
+        """Return a turning profile by name; raises InputError if it doesn't exist."""
 
     def profile(self, name: str) -> Profile:
-        """Return a profile; raises InputError where there is none of this name."""
+        """Return a profile by name; raises InputError if it doesn't exist."""
 
     def reducer(self, name: str) -> ReducerDescription:
-        """Return a reducer's description; raises InputError where there is none of this name."""
+        """Return a reducer's description by name; raises InputError if it doesn't exist."""
 
 
 class PackagedLibrary:
-    """Profiles and reducers of the package, and by path those in files."""
+    """Profiles and reducers of the package by name, and others by the path of their file."""
 
     def profile(self, name: str) -> Profile:
         """Return a profile by its name or the path of its file."""
@@ -72,7 +72,7 @@ class PackagedLibrary:
         return load_profile(name)
 
     def turning(self, name: str) -> TurningProfile:
-        """Return a profile of turning by its name or the path of its file."""
+        """Return a turning profile by its name or the path of its file."""
         from torquebench.procedures.turning.profile import load_turning_profile
 
         return load_turning_profile(name)
@@ -87,35 +87,35 @@ class PackagedLibrary:
 def compute_here(
     function: Callable[..., Value], *arguments: Any, progress: Progress = NO_PROGRESS
 ) -> Value:
-    """Call a function in this process, with its progress as the last argument."""
+    """Call a function in this process, with the progress as its last argument."""
     return function(*arguments, progress)
 
 
 @dataclass(frozen=True)
 class Place:
-    """Surroundings of an operation.
+    """Everything that an operation works with.
 
     Parameters
     ----------
     operator : str
-        Who has it done, for the records.
+        Person who requested it, for the records.
     library : Library
     registry : Registry
-        None for operations on files.
+        The registry; None for operations on files.
     station : Station
-        The open bench; None for others.
+        The open bench; None for operations without it.
     on_pause : callable, optional
-        RunningPoint whether a paused run goes on; see `Station.run`.
+        Decides whether a paused run continues; see `Station.run`.
     compute : callable
-        Calls a long computation, perhaps in another process: with its arguments and `progress`.
+        Calls a long computation with its arguments and `progress`, possibly in another process.
     remarks : list of str
-        What was noticed so far; also stated where the operation then fails.
+        Remarks so far; they are reported even if the operation fails.
     finishing : threading.Event
-        Set when a person wants it to end with its result.
+        Set when a person wants the operation to end and return its result.
     cancelled : callable
-        Whether a person has aborted it.
+        Returns whether a person has aborted the operation.
     may : callable
-        Whether the person has a role.
+        Returns whether the person has a role.
     """
 
     operator: str
@@ -130,7 +130,7 @@ class Place:
     may: Callable[[Role], bool] = lambda _role: True
 
     def check(self) -> None:
-        """End here where an abort was requested."""
+        """Raise `EndedError` if an abort was requested."""
         if self.cancelled():
             raise EndedError("the operation was ended")
 
@@ -151,4 +151,4 @@ class Place:
 
 
 class EndedError(BenchError):
-    """A person has ended an operation on purpose."""
+    """A person has aborted the operation."""

@@ -1,4 +1,4 @@
-"""Previews of operations: what would be loaded and turned, rehearsed with the same plan."""
+"""Previews of operations: loads, speeds and duration, rehearsed with the same plan."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ class LoadedSeries:
         Numbers of the series, such as "2–4"; empty before the first one.
     what : str
     steps, times : int
-        Steps of one series, and number of series alike.
+        Number of steps of one series, and number of equal series.
     first_nm, last_nm : float
     step_s, total_s : float
-        Shortest duration of a step, and of all.
+        Shortest duration of a step, and of all steps together.
     """
 
     series: str
@@ -57,15 +57,15 @@ class LoadedSeries:
 
 @dataclass(frozen=True)
 class TestPart:
-    """A part of a reducer test, and the most that it loads and turns.
+    """A part of a reducer test, with its largest torques and speeds.
 
     Parameters
     ----------
     title : str
     duration_s, longest_s : float
-        Bench time; the longest one with all repeats that the test may add.
+        Shortest bench time, and longest one with all repeats that the test may add.
     longest_warm_up_s : float
-        Additional time at most.
+        Longest additional time for warming up.
     points : int
     largest_torque_nm, largest_speed_rpm : mapping of side to float
     """
@@ -87,7 +87,7 @@ class Preview:
     ----------
     title : str
     duration_s : float
-        Bench time without waiting longer for settling or warming up, s.
+        Bench time without additional waits for settling or warming up, s.
     points : int
     largest_torque_nm, limit_torque_nm : mapping of side to float
         Largest commanded torque, and the bench's limit.
@@ -95,16 +95,16 @@ class Preview:
     time_s, nominal_nm : tuple of float
         The torque commanded to the loaded side over time, for a loading sequence; else empty.
     mounts : tuple of str
-        The mountings that the person at the bench will make, in order.
+        Mountings that the operator will have to perform, in order.
     series : tuple of LoadedSeries
-        Of a loading sequence.
+        Series of a loading sequence.
     parts : tuple of TestPart
-        Of a reducer test.
+        Parts of a reducer test.
     remarks : tuple of str
     simulated : bool
     doubts : tuple of str
-        Doubts about the result, such as an expired standard or a wrong clock: those that the
-        operation's check has.
+        Doubts about the result from the operation's check, such as an expired standard or a wrong
+        clock.
     """
 
     title: str
@@ -200,7 +200,7 @@ def _range_min(shortest_s: float, longest_s: float) -> str:
 
 
 def duration_words(seconds: float) -> str:
-    """Return a duration in words.
+    """Return a duration as text.
 
     Examples
     --------
@@ -230,11 +230,11 @@ def plan_preview(title: str, description: BenchDescription, rehearsal: Rehearsal
     Parameters
     ----------
     title : str
-        What is done, in a few words.
+        Title of the operation.
     description : BenchDescription
-        Whose limits stand beside the loads.
+        Bench with the limits.
     rehearsal : Rehearsal
-        Of `procedures.rehearse`.
+        Result of `procedures.rehearse`.
     """
     torque_nm, speed_rpm = limits_of(description)
     mounted = [move.value for move in rehearsal.moves if move.device == "mounting"]
@@ -306,7 +306,7 @@ def _placing(profile: Profile, coarse: int) -> str:
 
 
 def _setup(rehearsal: Rehearsal[Any]) -> Iterable[str]:
-    """Yield, in words, the commands before the drive is switched on."""
+    """Describe the commands before a drive is switched on."""
     for move in itertools.takewhile(
         lambda move: not move.device.endswith("power"), rehearsal.moves
     ):
@@ -324,7 +324,7 @@ def _setup(rehearsal: Rehearsal[Any]) -> Iterable[str]:
 
 
 def _series(steps: Sequence[Step]) -> Iterable[LoadedSeries]:
-    """Yield the parts of each series; series alike are stated once."""
+    """Yield the parts of each series; equal series are listed once."""
     by_series = [
         list(groups) for _, groups in itertools.groupby(_groups(steps), lambda g: g[0].series)
     ]

@@ -1,4 +1,4 @@
-"""Several operations one after the other: from a file here, by a panel's queue there."""
+"""Perform several operations one after the other, from a file; the panel has a similar queue."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["RUN", "QueuedRequest", "queued_operation"]
 
 
 class QueuedRequest(Request):
-    """An operation and the fields of its request."""
+    """An entry of the queue: an operation and the fields of its request."""
 
     name: Annotated[str, field("Name of the operation.", max_length=100)]
     request: Annotated[dict[str, Any], field("Fields of its request.")] = {}  # noqa: RUF012 - pydantic copies it
@@ -38,7 +38,7 @@ class QueueFile(Request):
 
 
 class RunRequest(Request):
-    """Have several operations done on one bench, one after the other.
+    """Perform several operations on one bench, one after the other.
 
     The TOML file has a table [[operation]] for each: `name = "calibrate"` and
     `request = {side = "both"}` with the fields that the operation has in the HTTP API. All are
@@ -46,14 +46,14 @@ class RunRequest(Request):
     """
 
     queue: Annotated[Path, field("The TOML file.", argument=True, local=True)]
-    keep_going: Annotated[Flag, field("Go on after a check that failed; never after an error.")] = (
+    keep_going: Annotated[Flag, field("Continue after a failed check; never after an error.")] = (
         False
     )
 
 
 @dataclass(frozen=True)
 class QueuedResult:
-    """One operation of the queue; `result` is null where it failed or was never begun."""
+    """One operation of the queue; `result` is null if it failed or wasn't started."""
 
     name: str
     title: str
@@ -71,7 +71,7 @@ class QueueResult(Result):
 
     @property
     def failed(self) -> bool:
-        """Whether any has failed, or was never begun."""
+        """Whether any operation failed or wasn't started."""
         return any(each.failed for each in self.operations)
 
     def page(self) -> Page:
@@ -88,12 +88,12 @@ class QueueResult(Result):
 def queued_operation(
     name: str, request: Mapping[str, Any], *, local: bool = False
 ) -> tuple[Operation, Request]:
-    """Return an operation that a queue can have done, and its checked request.
+    """Return an operation that a queue may contain, and its validated request.
 
     Raises
     ------
     InputError
-        There is no such operation, it needs a person's password, or its request is wrong.
+        The operation doesn't exist, needs a person's password, or its request is invalid.
     """
     operation = find_operation(name)
     if not operation.served or (operation.signed and not local):
@@ -129,13 +129,13 @@ def _entries(path: Path) -> list[tuple[Operation, Request]]:
 
 
 def check_queue(_place: Place, request: RunRequest) -> Sequence[str]:
-    """Refuse a file with wrong requests; the bench is checked before each operation."""
+    """Raise an error for invalid requests; the bench is checked later, before each operation."""
     _entries(request.queue)
     return ()
 
 
 def preview_queue(place: Place, request: RunRequest) -> Preview:
-    """Rehearse every operation; what an earlier one has to measure first is a remark."""
+    """Rehearse every operation; one that needs an earlier one's results gives a remark."""
     previews, remarks = [], []
     for operation, each in _entries(request.queue):
         title = operation.title(each)
@@ -153,7 +153,7 @@ def preview_queue(place: Place, request: RunRequest) -> Preview:
 
 
 def run_queue(place: Place, request: RunRequest, progress: Progress) -> QueueResult:
-    """Have them done until one fails."""
+    """Perform the operations until one fails."""
     from torquebench.campaign import RunAbortedError
 
     entries = _entries(request.queue)

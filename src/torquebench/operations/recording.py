@@ -1,4 +1,4 @@
-"""Recordings on demand: all signals, under a name, from now or from a trigger on."""
+"""Recordings of all signals on demand, started at once, at a time or by a trigger."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ TRIGGER_SIGNALS: tuple[TriggerSignal, ...] = get_args(TriggerSignal)
 
 
 class Trigger(Request):
-    """A level that a signal has to pass."""
+    """A level that a signal has to cross."""
 
     signal: TriggerSignal
     level: Number
@@ -48,27 +48,27 @@ class Trigger(Request):
 class RecordRequest(Request):
     """Record all signals; nothing is moved.
 
-    It begins at once, when the trigger is met, or at a moment, and ends after its duration, or when
-    it is finished.
+    It begins at once, at the trigger, or at a set time, and ends after its duration or when a
+    person finishes it.
     """
 
     name: Annotated[str, field("Name of the recording.", min_length=1, max_length=80)]
     note: Annotated[str, field("Note to it.", max_length=500)] = ""
     duration_s: Annotated[
-        Number | None, field("How long; without it until it is finished.", gt=0, le=DAY)
+        Number | None, field("Duration; without it, until a person finishes it.", gt=0, le=DAY)
     ] = None
     before_s: Annotated[
-        Number, field("How much before the start is kept, too.", ge=0, le=LONGEST_BEFORE_S)
+        Number, field("Time before the start that is recorded, too.", ge=0, le=LONGEST_BEFORE_S)
     ] = 0.0
     trigger: Annotated[
-        Trigger | None, field("Level that a signal has to pass before it begins.")
+        Trigger | None, field("Level that a signal has to cross before the recording begins.")
     ] = None
-    at: Annotated[Moment | None, field("Moment at which it begins.")] = None
+    at: Annotated[Moment | None, field("Time at which the recording begins.")] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingResult(Result):
-    """A recording; `trigger` states in words what started it."""
+    """A recording; `trigger` describes its start."""
 
     name: str
     note: str
@@ -85,17 +85,17 @@ def crossing(
     rising: bool,
     armed: bool,
 ) -> tuple[float | None, bool]:
-    """Return when a level is passed first, and whether the signal is on the near side at the end.
+    """Return when a signal first crosses a level, and whether the trigger is armed afterwards.
 
     Parameters
     ----------
     time_s, value : float64[n]
-        NaN isn't a value.
+        Times and values; NaN values are ignored.
     level : float
     rising : bool
     armed : bool
-        Whether the signal was on the near side before: a level that is exceeded from the
-        beginning isn't passed.
+        Whether the signal was on the near side of the level before; a level that is exceeded from
+        the beginning isn't a crossing.
 
     Examples
     --------
@@ -130,14 +130,14 @@ def _signal(block: Block, name: TriggerSignal) -> tuple[NDArray[np.float64], NDA
 
 @dataclass(frozen=True)
 class SignalWindows:
-    """Windows of a torque: time of each and its torque."""
+    """Times and torques of a signal's windows."""
 
     time_s: NDArray[np.float64]
     value_nm: NDArray[np.float64]
 
 
 def torque_windows(block: Block) -> dict[str, SignalWindows]:
-    """Return every window of the torques in a block, by signal, if available."""
+    """Return the windows of each torque signal in a block."""
     found: dict[str, SignalWindows] = {}
     for side in SIDES:
         channels = {"raw": torque_channel(side), "reference": reference_channel(side)}
@@ -153,7 +153,7 @@ def torque_windows(block: Block) -> dict[str, SignalWindows]:
 
 
 def run_record(place: Place, request: RecordRequest, progress: Progress) -> RecordingResult:
-    """Wait for the trigger, and record until the end."""
+    """Wait for the start, and record until the end."""
     from torquebench.procedures.recording import record_signals
 
     station = place.station

@@ -1,4 +1,4 @@
-"""Records of the data directory, found by name."""
+"""Find records of the data directory by name."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ __all__ = ["find_calibration", "find_run"]
 
 
 def find_run(registry: records.Registry, name: str) -> records.RunSummary:
-    """Return the run of this name, beginning of a name, or "latest".
+    """Return a run by its name, the beginning of its name, or "latest".
 
     Raises
     ------
     InputError
-        There is none, or more than one.
+        No record has this name, or several have.
     """
     found = registry.runs(limit=1) if name == "latest" else registry.runs_beginning(name, limit=2)
     if len(found) == 1 or (found and found[0].run_id == name):
@@ -28,12 +28,12 @@ def find_run(registry: records.Registry, name: str) -> records.RunSummary:
 
 
 def find_calibration(registry: records.Registry, name: str) -> records.CalibrationEntry:
-    """Return the calibration of a name such as calibration-3, of a run, or the latest.
+    """Return a calibration by a name such as calibration-3, its run's name, or "latest".
 
     Raises
     ------
     InputError
-        There is none, or more than one.
+        No record has this name, or several have.
     RecordError
         Its run isn't sealed.
     """

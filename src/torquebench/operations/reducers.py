@@ -1,4 +1,4 @@
-"""Tests of a mounted reducer, and the check of the bench with a standard reducer."""
+"""Test a mounted reducer, and check the bench with a standard reducer."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ __all__ = [
 ]
 
 LOOP_ROWS = 400
-"""Most points of a torque-angle loop in a result."""
+"""Largest number of points of a torque-angle loop in a result."""
 
 
 class CompensatedRequest(MountedRequest):
-    """Parameters of an operation whose readings are compensated by the models in use."""
+    """Base of requests whose readings are compensated by the models in use."""
 
     accept_counter: Annotated[
         str | None,
@@ -73,7 +73,7 @@ class CompensatedRequest(MountedRequest):
     ] = 100.0
 
     def accepted(self) -> chain.Timebase | None:
-        """Return the other counter that is accepted, None if none is named."""
+        """Return the other counter whose models are accepted, None if none is named."""
         if not self.accept_counter:
             return None
         return chain.Timebase("accepted by its name", self.accept_counter, self.clock_tolerance_ppm)
@@ -149,7 +149,7 @@ class ReducerTestRequest(CompensatedRequest):
 
     @model_validator(mode="after")
     def _contradictions(self) -> Self:
-        """Refuse options that exclude each other."""
+        """Raise an error for contradictory options."""
         if self.short and self.repeats is not None:
             found = Message("{count} in a short test", self.repeats)
             raise ConflictError("repeats", found, "one of both: a short test has no repeats")
@@ -179,7 +179,7 @@ class StandardReducerRequest(CompensatedRequest):
         ),
     ] = None
     tolerance_percent_fs: Tolerance = 0.1
-    repeats: Annotated[int, field("How often it is swept.", ge=2, le=100), WHOLE] = 3
+    repeats: Annotated[int, field("Number of sweeps.", ge=2, le=100), WHOLE] = 3
     both_directions: Annotated[Flag, field("Counter-clockwise as well.")] = False
 
 
@@ -188,7 +188,7 @@ class StandardReducerRequest(CompensatedRequest):
 
 @dataclass(frozen=True)
 class LoopKeyPoint:
-    """A point of a torque-angle loop that its evaluation rests on."""
+    """A point of a torque-angle loop on which its evaluation is based."""
 
     label: str
     torque_nm: float
@@ -197,7 +197,7 @@ class LoopKeyPoint:
 
 @dataclass(frozen=True)
 class TorqueAngleLoop:
-    """The first loop: output angle about its middle over torque, both branches."""
+    """The first loop: output angle about its middle as a function of torque, on both branches."""
 
     torque_nm: Numbers
     rising_arcmin: Numbers
@@ -242,11 +242,11 @@ class ReducerTestResult(Result):
     parts: Sequence[TestedPart]
     failures: Sequence[FailedPart]
     record: Any = data_field(metadata=HIDDEN)
-    """The `ReducerTestRecord` with everything that was measured, for the report."""
+    """The `ReducerTestRecord` with all measured data, for the report."""
 
     @property
     def failed(self) -> bool:
-        """Whether a limit isn't kept, a finding forbids a verdict, or a part has no result."""
+        """Whether a limit is exceeded, a finding forbids a verdict, or a part has no result."""
         return bool(self.record.failed)
 
     def page(self) -> Page:
@@ -306,7 +306,7 @@ def _mounted(place: Place, name: str | None) -> reducers.ReducerDescription:
     Raises
     ------
     InputError
-        None is named on a real bench, or its ratio isn't that of the bench's description.
+        No reducer is named on a real bench, or its ratio differs from the bench description's.
     """
     description = place.station.description
     if name is None:
@@ -331,7 +331,7 @@ def _mounted(place: Place, name: str | None) -> reducers.ReducerDescription:
 
 
 def check_test(place: Place, request: ReducerTestRequest) -> Iterable[str]:
-    """Refuse what can't be tested."""
+    """Raise an error for impossible tests."""
     _settings(request)
     _mounted(place, request.reducer)
     return ()
@@ -377,7 +377,7 @@ def _largest(parts: Sequence[campaign.ReducerTestRehearsal], name: str) -> dict[
 
 
 def run_test(place: Place, request: ReducerTestRequest, progress: Progress) -> ReducerTestResult:
-    """Test, evaluate, judge and record."""
+    """Measure, evaluate and register the tests."""
     station, reducer = place.station, _mounted(place, request.reducer)
     compensation, missing = _compensation(place, request, SIDES)
     if station.drivers.hold is not None:
@@ -412,14 +412,14 @@ def run_test(place: Place, request: ReducerTestRequest, progress: Progress) -> R
 
 
 def report_path(registry: records.Registry, run_id: str) -> Path:
-    """Return where the report of a run is kept as PDF."""
+    """Return the path of a run's report in the data directory."""
     return registry.root / "reports" / f"{run_id}.pdf"
 
 
 def _write_report(
     registry: records.Registry, result: ReducerTestResult, progress: Progress
 ) -> None:
-    """Keep the report as PDF beside the records."""
+    """Write the report as PDF into the data directory."""
     if not result.run_ids:
         return
     from torquebench.atomic_write import atomic_write, private_folder
@@ -427,7 +427,7 @@ def _write_report(
 
     progress.start("Writing the report", 1)
     path = report_path(registry, result.run_ids[0])
-    with contextlib.suppress(InputError, OSError):  # missing font or full disk: results stay valid
+    with contextlib.suppress(InputError, OSError):  # results stay valid without it
         content = page_pdf(result.page())
         private_folder(path.parent)
         atomic_write(path, content, private=True)
@@ -437,7 +437,7 @@ def _write_report(
 def _compensation(
     place: Place, request: CompensatedRequest, sides: Sequence[Side]
 ) -> tuple[dict[str, str], dict[str, list[str]]]:
-    """Compensate sides by their models in use; return by which, and what U doesn't contain."""
+    """Activate the sides' compensations; return their names, and the influences missing in U."""
     from torquebench.errors import ModelMismatchError
 
     station, accepted = place.station, request.accepted()
@@ -472,7 +472,7 @@ def _headline(record: campaign.ReducerTestRecord) -> str:
         "{reducer_name}: {count} quantities found{limits}{short}.",
         record.reducer_name,
         len(quantities),
-        Message("; {kept} of {count} limits of the data sheet kept", kept, len(judged))
+        Message("; {kept} of {count} limits of the data sheet met", kept, len(judged))
         if judged
         else "",
         Message(" ({short})", campaign.SHORT_TEST) if record.short else "",
@@ -516,7 +516,7 @@ def _loop(result: reducers.HysteresisResult) -> TorqueAngleLoop:
 
 
 def test_title(request: ReducerTestRequest) -> str:
-    """Return what a request does."""
+    """Return the title of a request."""
     title = TESTS[request.test].title
     return title if request.reducer is None else Message("{test} of {name}", title, request.reducer)
 
@@ -534,7 +534,7 @@ def _standard(place: Place, request: StandardReducerRequest) -> campaign.Standar
 
 
 def check_standard(place: Place, request: StandardReducerRequest) -> Iterable[str]:
-    """Refuse a reducer without a certificate."""
+    """Raise an error if the reducer has no certificate."""
     _standard(place, request)
     return ()
 
@@ -562,7 +562,7 @@ def preview_standard(place: Place, request: StandardReducerRequest) -> Preview:
 def run_standard(
     place: Place, request: StandardReducerRequest, progress: Progress
 ) -> StandardReducerResult:
-    """Measure the friction and judge it."""
+    """Measure the friction and compare it with the certificate."""
     station, mounted = place.station, _standard(place, request)
     words, missing = _compensation(place, request, ("input",))
     if station.drivers.hold is not None:
@@ -602,7 +602,7 @@ def run_standard(
 class CompareTestsRequest(Request):
     """Compare tests of several specimens of one type, or of one specimen before and after.
 
-    Common errors of two runs on one bench with the same models cancel in a change.
+    Errors common to two runs on one bench with the same models cancel in a change.
     """
 
     runs: Annotated[
@@ -634,7 +634,7 @@ class ComparedQuantity:
 
 @dataclass(frozen=True, kw_only=True)
 class ComparedTests(Result):
-    """Specimens of one type, or one specimen before and after."""
+    """Comparison of specimens of one type, or of one specimen before and after."""
 
     reducer: str
     test: str

@@ -1,4 +1,4 @@
-"""Results of operations: values, from which JSON and one description for all screens follow."""
+"""Results of operations: their values, JSON, and one description for all interfaces."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from torquebench.units import title_of_name, unit_of_name
 __all__ = ["HIDDEN", "ArrayOf", "Decision", "ExplainedError", "Integers", "Numbers", "Result"]
 
 HIDDEN = {"hidden": True}
-"""Metadata of a field of a result that JSON doesn't have."""
+"""Metadata of a result's field that isn't part of its JSON."""
 
 
 @dataclass(frozen=True)
 class ArrayOf:
-    """Mark of a field that JSON holds as an array of numbers, whatever kind of sequence it is."""
+    """Marks a field, of any kind of sequence, that is an array of numbers in JSON."""
 
     kind: str
 
@@ -31,7 +31,7 @@ class ArrayOf:
 
 
 Numbers: TypeAlias = Annotated[Any, ArrayOf("number")]
-"""An array or a sequence of numbers; null where there is none."""
+"""An array or a sequence of numbers; null marks a missing number."""
 Integers: TypeAlias = Annotated[Any, ArrayOf("integer")]
 
 
@@ -46,13 +46,13 @@ class Result:
     verdict : str
         "pass", "conditionalPass", "conditionalFail", "fail", or empty without a tolerance.
     simulated : bool
-        Whether every figure has to say so.
+        Whether the bench was simulated, which must be stated everywhere.
     run_ids : tuple of str
-        Runs that it has recorded or rests on.
+        Runs that the operation recorded, or on which the result is based.
     remarks : tuple of str
-        Warnings: what else the reader has to know.
+        Warnings that the reader has to know.
     files : tuple of str
-        Files that were written where the request names them.
+        Files that were written by the request.
     """
 
     headline: str
@@ -63,7 +63,7 @@ class Result:
     files: tuple[str, ...] = ()
 
     def plain(self) -> dict[str, Any]:
-        """Return it as JSON holds it: all fields that aren't hidden."""
+        """Return all fields that aren't hidden as plain JSON."""
         from torquebench.records.files import plain_json
 
         stated = [each.name for each in fields(self) if not each.metadata.get("hidden")]
@@ -71,7 +71,7 @@ class Result:
 
     @property
     def failed(self) -> bool:
-        """Whether a check failed: the command's exit code is 1 then."""
+        """Whether a check failed, so that the command's exit code is 1."""
         if not self.verdict:
             return False
         from torquebench.uncertainty import Verdict
@@ -92,13 +92,13 @@ class Result:
 
 @dataclass(frozen=True, kw_only=True)
 class Decision(Result):
-    """A person's decision that the records keep, and how that person was authenticated."""
+    """A person's registered decision, and how the person was authenticated."""
 
     signature: str
 
 
 class ExplainedError(InputError):
-    """An unusable input of which a page shows the reason; `page` returns it."""
+    """An input error that is explained by a page, which `page` returns."""
 
     def __init__(self, found: str, allowed: str, remedy: str, page: Callable[[], Page]) -> None:
         super().__init__(found, allowed, remedy)

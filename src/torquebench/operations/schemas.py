@@ -13,7 +13,7 @@ __all__ = ["json_schemas"]
 
 
 class _NullWithoutNumber(GenerateJsonSchema):
-    """JSON has null in place of a number that isn't finite."""
+    """Generates schemas in which a number may be null, as JSON can't express NaN or infinity."""
 
     def float_schema(self, schema: core_schema.FloatSchema) -> JsonSchemaValue:
         """Return the schema of a number or null."""
@@ -21,7 +21,7 @@ class _NullWithoutNumber(GenerateJsonSchema):
 
 
 def json_schemas(types: list[Any]) -> tuple[dict[Any, dict[str, str]], dict[str, Any]]:
-    """Return a reference to the schema of each type of result, and all schemas by name."""
+    """Return a reference to each type's schema, and all schemas by name."""
     _, schemas = TypeAdapter.json_schemas(
         [(each, "validation", TypeAdapter(each)) for each in types],
         ref_template="#/components/schemas/{model}",

@@ -1,4 +1,4 @@
-"""Runs with a rotating module, by profiles; each writes a table."""
+"""Runs with a rotating module by turning profiles; each writes a table."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _profile(place: Place, request: TurnRequest) -> TurningProfile:
 
 
 def check_turn(place: Place, request: TurnRequest) -> Iterable[str]:
-    """Refuse a profile that there isn't, and a table that can't be resumed."""
+    """Raise an error for an unknown profile or a table that can't be resumed."""
     from torquebench.campaign.turning_runs import read_begun
 
     chosen = _profile(place, request)
@@ -95,7 +95,7 @@ def check_turn(place: Place, request: TurnRequest) -> Iterable[str]:
 
 
 def preview_turn(place: Place, request: TurnRequest) -> Preview:
-    """Rehearse the very plan that would run; waiting isn't part of its duration."""
+    """Rehearse the plan of the run; its duration doesn't include waiting for temperatures."""
     from torquebench.campaign.turning_runs import rehearse_turning
 
     description, chosen = place.station.description, _profile(place, request)
@@ -109,7 +109,7 @@ def preview_turn(place: Place, request: TurnRequest) -> Preview:
 
 
 def _speeds(side: Side, profile: TurningProfile) -> Iterable[str]:
-    """Yield speeds, torques, ramps and temperatures."""
+    """Describe speeds, torques, ramps and temperatures."""
     top = profile.top_rpm(side)
     speeds = Message.joined(f"{share * top:g}" for share in profile.speed_shares)
     if profile.random is None:
@@ -139,7 +139,7 @@ def _speeds(side: Side, profile: TurningProfile) -> Iterable[str]:
 
 
 def _steps(description: BenchDescription, side: Side, profile: TurningProfile) -> Iterable[str]:
-    """Yield steps and sines of torque, and what the drive can follow."""
+    """Describe steps and sines of torque, and the fastest that the drive can follow."""
     module, steps, sines = description.module(side), profile.steps, profile.sines
     assert steps is not None
     full, rate = module.range_nm, module.drive.torque_rate_nm_per_s
@@ -161,7 +161,7 @@ def _steps(description: BenchDescription, side: Side, profile: TurningProfile) -
 
 
 def run_turn(place: Place, request: TurnRequest, progress: Progress) -> TurnedModule:
-    """Turn and write the table after every complete series."""
+    """Measure, and write the table after every complete series."""
     from torquebench.campaign.turning_runs import measure_turning, read_begun
 
     station, chosen, target = place.station, _profile(place, request), request.out
@@ -201,7 +201,7 @@ def run_turn(place: Place, request: TurnRequest, progress: Progress) -> TurnedMo
 
 
 def turn_title(request: TurnRequest) -> str:
-    """Return what a request does."""
+    """Return the title of a request."""
     return Message("Turn the {side} module: {profile}", request.side, request.profile)
 
 

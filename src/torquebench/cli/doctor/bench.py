@@ -26,24 +26,23 @@ SETTLING_S = 0.3
 STANDARD_S = 1.0
 WATCHDOG_MARGIN_S = 0.5
 ZERO_TOLERANCE = 0.1
-"""Largest deviation of an unloaded transducer's signal from its zero, as a share of that at nominal
-torque.
+"""Largest deviation of an unloaded signal from its nominal zero, as a share of its span.
 """
 ROOM_C = (-10.0, 60.0)
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was checked.
+    """Result of one check.
 
     Parameters
     ----------
     what : str
     state : {"ok", "note", "problem"}
-        A note requires no action.
+        Result of the check; a note requires no action.
     found : str
     remedy : str
-        Remedy, if any.
+        What to do, if anything.
     """
 
     what: str
@@ -61,7 +60,7 @@ def _problem(what: str, error: TorquebenchError) -> Finding:
 
 
 def instruments(description: BenchDescription, data: Path) -> Iterator[Finding]:
-    """Connect to each instrument, read identity and status; a failure doesn't affect the others."""
+    """Connect to each instrument independently, and read its identity and status."""
     yield from _connected(description, data)
     yield from _losses(description)
 
@@ -82,7 +81,7 @@ def _connected(description: BenchDescription, data: Path) -> Iterator[Finding]:
 
 
 def _losses(description: BenchDescription) -> Iterator[Finding]:
-    """State how far a ramp goes on at most after a loss of computer or cable."""
+    """State by how much a ramp can continue after a loss of computer or cable."""
     from torquebench.bench.devices.drive import slice_s
     from torquebench.bench.drivers.base import SIDES
 
@@ -100,7 +99,7 @@ def _losses(description: BenchDescription) -> Iterator[Finding]:
 
 @contextlib.contextmanager
 def _owned(description: BenchDescription, data: Path) -> Iterator[None]:
-    """Lock the bench for this process, so that no run is disturbed."""
+    """Lock the bench, so that the check doesn't disturb another process's run."""
     from torquebench.station.bench_lock import BenchLock
 
     with tempfile.TemporaryDirectory() as scratch:
@@ -115,7 +114,7 @@ def _owned(description: BenchDescription, data: Path) -> Iterator[None]:
 def _opened(
     description: BenchDescription, data: Path, log: AuditLog | None = None
 ) -> Iterator[DriverSet]:
-    """Open the instruments without a station; commands to them are in the audit log."""
+    """Open the instruments without a station; their commands are written to the audit log."""
     from torquebench.bench.audit.writing import audited
     from torquebench.bench.drivers import open_drivers
 
@@ -161,12 +160,12 @@ def _side_of(role: str) -> Side:
 
 
 def _with_status(found: Finding, drive: Drive, module: ModuleDescription) -> Finding:
-    """Add a drive's status and its own limits: one that can't be read isn't usable."""
+    """Add a drive's status and its own limits to a finding; a failure to read them is a problem."""
     state, own = drive.state(), drive.limits()
     details = drive.identity().details
     text = "; ".join([found.found] + [f"{k} {v}" for k, v in details.items() if "reaction" in k])
     if state.enabled:
-        remedy = "find out who has switched it on"
+        remedy = "find out who switched it on"
         return Finding(found.what, "problem", f"{text}; it has power", remedy)
     if not state.remote:
         remedy = "set it to remote control: it ignores commands of the bus"
@@ -182,7 +181,7 @@ def _with_status(found: Finding, drive: Drive, module: ModuleDescription) -> Fin
     if limit_rpm < module.limits.speed_rpm * (1.0 - 1e-6):
         text += f"; its own limit is {limit_rpm:g} of {module.limits.speed_rpm:g} rpm"
     if state.limited:
-        text += "; a limit of its own acts"
+        text += "; an internal limit of the drive is active"
     text += f"; off{f', {state.fault}' * bool(state.fault)}"
     return Finding(found.what, found.state, text, found.remedy)
 
@@ -192,7 +191,10 @@ def _identified(description: BenchDescription, name: str, identity: Any) -> Find
     described = description.serials.get(identity.role)
     if not identity.serial and described:
         return Finding(
-            name, "note", f"{found}none", "it states no serial number: compare its plate"
+            name,
+            "note",
+            f"{found}none",
+            "it doesn't report a serial number: compare its name plate",
         )
     if described not in (None, identity.serial):
         return Finding(
@@ -306,7 +308,7 @@ def _temperatures(station: Station) -> Iterator[Finding]:
 
 
 def _standard(station: Station) -> Iterator[Finding]:
-    """Check the signals of a mounted standard, and that it states no torque without load."""
+    """Check the signals of a mounted standard, and that they are zero without load."""
     from torquebench.bench.drivers.base import SIDES
     from torquebench.campaign.measuring import standard_at_rest
 
@@ -325,7 +327,7 @@ def _standard(station: Station) -> Iterator[Finding]:
 
 
 def _readout(station: Station) -> Iterator[Finding]:
-    """Check whether a standard that states torque keeps stating it."""
+    """Check whether a standard with a torque output sends samples continuously."""
     import numpy as np
 
     from torquebench.bench.drivers.base import SIDES
@@ -337,7 +339,7 @@ def _readout(station: Station) -> Iterator[Finding]:
         what = f"{side} standard"
         try:
             read = []
-            # its clock estimate settles with repeated answers
+            # the estimate of its clock improves with repeated answers
             for _ in range(round(STANDARD_S / block_s)):
                 station.clock.wait(block_s)
                 now_s = station.clock.now()
@@ -359,7 +361,7 @@ def _readout(station: Station) -> Iterator[Finding]:
 
 
 def _fixture(station: Station) -> Iterator[Finding]:
-    """State modes and clamp as their contacts do, for comparison with the bench."""
+    """State the modes and the clamp's state by their contacts, for comparison with the bench."""
     from torquebench.bench.drivers.base import SIDES
 
     drivers = station.drivers
@@ -391,9 +393,9 @@ def _compensations(station: Station) -> Iterator[Finding]:
 
 
 def drives(description: BenchDescription, data: Path) -> Iterator[Finding]:
-    """Power each drive at zero torque and check that it stops on command, and without feeding.
+    """Power each drive at zero torque; check that it stops on command and by its own watchdog.
 
-    Every command and finding goes into the audit log of the data directory.
+    Every command and finding is written to the audit log of the data directory.
     """
     from torquebench.bench.audit.entries import AUDIT_FOLDER, AuditLog
     from torquebench.bench.drivers.base import SIDES, torque_channel
@@ -452,7 +454,7 @@ def _watchdog(drivers: DriverSet, description: BenchDescription, side: Side) -> 
     drive.feed_watchdog()
     fed, passed_s = time.monotonic(), 0.0
     while True:
-        # simulated time passes as blocks are read; a card may have buffered blocks of earlier
+        # reading blocks advances simulated time; the first blocks may be buffered ones from before
         drivers.counter.read_block(block_s)
         passed_s += block_s
         state, wall_s = drive.state(), time.monotonic() - fed

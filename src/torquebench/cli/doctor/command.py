@@ -1,4 +1,4 @@
-"""`torquebench doctor`: checks installation, configuration and instruments, with remedies."""
+"""`torquebench doctor`: check installation, configuration and instruments, and give remedies."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ DOING = {
     "Signals": "watching every signal",
     "Drives": "powering each drive at zero torque",
 }
-"""Message before a step that may take seconds."""
+"""Messages before steps that may take seconds."""
 NEEDED = ("Configured", "Reachable")
-"""Steps that the later ones need."""
+"""Steps that must succeed before the later ones."""
 
 
 def doctor(
@@ -90,7 +90,7 @@ def doctor(
         _print(title, found)
         findings += found
         if title in NEEDED and any(finding.state == "problem" for finding in found):
-            note(f"what comes after {title!r} was omitted")
+            note(f"the checks after {title!r} were omitted")
             break
     problems = sum(finding.state == "problem" for finding in findings)
     answer(findings=findings, problems=problems)
@@ -101,7 +101,7 @@ def doctor(
 
 
 def installation() -> Iterator[Finding]:
-    """Look at Python, the libraries and the terminal."""
+    """Check Python, the libraries and the terminal."""
     from importlib import metadata
 
     from torquebench import __version__
@@ -140,7 +140,7 @@ def installation() -> Iterator[Finding]:
 
 
 def _priority() -> Finding:
-    """Check whether the threads that safety depends on get priority over other programs."""
+    """Check whether the threads for safety have priority over other programs."""
     from torquebench.bench.safety.priority import PRIORITY, Priority, available_priority
 
     granted = available_priority()
@@ -157,7 +157,7 @@ def _priority() -> Finding:
 
 
 def configuration(bench: Path | None, data: Path) -> Iterator[Finding]:
-    """Look at the bench description and at the folder of the records."""
+    """Check the bench description and the data directory."""
     from torquebench.bench.drivers.base import SIDES
 
     description = bench_description(bench)
@@ -177,7 +177,7 @@ def configuration(bench: Path | None, data: Path) -> Iterator[Finding]:
 
 
 def _doubts(description: BenchDescription, data: Path) -> Iterator[Finding]:
-    """Check the standards' certificates, and the clock against the newest record."""
+    """Check the dates of the standards' certificates, and the clock against the newest record."""
     from torquebench.campaign.doubts import CALIBRATOR, VERIFICATION_STANDARD, expired_standards
     from torquebench.records import Registry
     from torquebench.records.runs.time_check import clock_behind
@@ -220,11 +220,13 @@ def _records(data: Path) -> Iterator[Finding]:
 
         for path in unregistered_certificates(registry):
             found = f"certificate {path.name} was written and not registered"
-            yield Finding("unfinished", "note", found, "issue it again; nobody has been given it")
+            yield Finding(
+                "unfinished", "note", found, "issue it again; the interrupted issue isn't valid"
+            )
 
 
 def _guarded(examine: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
-    """Turn an error of a part into its last finding, so that the other parts still run."""
+    """Convert an error of a check to a finding, so that the other checks still run."""
     try:
         yield from examine()
     except TorquebenchError as error:

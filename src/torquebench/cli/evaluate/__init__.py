@@ -1,1 +1,1 @@
-"""`torquebench evaluate`: tables of another bench, evaluated by the same functions."""
+"""`torquebench evaluate`: evaluate tables of other benches."""

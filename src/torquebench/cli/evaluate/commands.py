@@ -1,4 +1,4 @@
-"""`torquebench evaluate`: results from tables of other benches."""
+"""`torquebench evaluate`: evaluate tables of static calibrations from other benches."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _tables() -> None:
 
 @dataclass(frozen=True)
 class RegistrationOptions:
-    """Who measured what, where and against which standard, as it is registered."""
+    """Data of an external calibration for its registration: person, place, equipment, standard."""
 
     reference_due: Annotated[
         datetime | None,
@@ -112,7 +112,7 @@ class RegistrationOptions:
         resolution_nm: float,
         uncertainty: CertifiedUncertainty | float,
     ) -> ExternalCalibration:
-        """Return what is registered with a table, before it is evaluated."""
+        """Return the data to register with a table, before it is evaluated."""
         from torquebench.campaign.external_calibration import (
             ExternalCalibration,
             check_circumstances,
@@ -198,7 +198,7 @@ def static(
     table: TableOptions,
     registration: RegistrationOptions,
 ) -> None:
-    """Evaluate a calibration in steps: deviations, uncertainty, class, before and after.
+    """Evaluate a calibration in steps: deviations, uncertainty, class, raw and compensated.
 
     Any number of series, mounting positions and steps is pooled and evaluated by the table's own
     steps. The zero of each series is subtracted, unless a comment states "# tared = true". With
@@ -303,7 +303,7 @@ def static(
 
 
 def _person(folder: Path, name: str) -> str:
-    """Return the laboratory's spelling of who measured, before any work is done."""
+    """Return the laboratory's spelling of a person's name; raise an error for an unknown person."""
     if not name:
         return ""
     from torquebench.reports.certificate import kept_letterhead, person_among
@@ -314,7 +314,7 @@ def _person(folder: Path, name: str) -> str:
 def _reference(
     stated: str | None, points: CalibrationData, source: str
 ) -> CertifiedUncertainty | float:
-    """Return the standard's U (k = 2): % of the torque, or over the torque."""
+    """Return the standard's U (k = 2), in % of the torque or as a function of torque."""
     from torquebench.campaign.chains import remark_another_standard
 
     if stated is None:
@@ -334,7 +334,7 @@ def _reference(
 
 
 def _given(stated: str, points: CalibrationData) -> CertifiedUncertainty | float:
-    """Return U as the option states it."""
+    """Return U by the option's text."""
     number, _, of = stated.strip().partition(" of ")
     try:
         percent = float(number.rstrip("% "))
@@ -396,7 +396,7 @@ def _print_heading(points: CalibrationData, profile: Profile | None) -> None:
 
 def _print_deviations(deviations: tuple[Deviation, ...]) -> None:
     if not deviations:
-        say("kept: no deviation from the profile")
+        say("no deviation from the profile")
         return
     table = narrow_table(
         "Deviations from the profile, and their consequence for the certificate",
@@ -438,7 +438,7 @@ def _print_results(results: CalibrationResults, *, with_regression: bool) -> Non
 
 
 def _print_side(side: SideBySide) -> None:
-    """Print all quantities, one line a step, the curve and the class."""
+    """Print all quantities, one line per step, the curve and the class."""
     from torquebench.reports.evaluation_report import residual_zero, static_quantities
 
     header, rows = static_quantities(side)

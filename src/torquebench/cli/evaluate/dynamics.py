@@ -1,4 +1,4 @@
-"""`torquebench evaluate dynamics`: resonance, damping and lag of a chain, and its inverse."""
+"""`torquebench evaluate dynamics`: a chain's resonance, damping and lag, and its inverse filter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`torquebench evaluate lubrication`: the drag's factor by the present lubricant."""
+"""`torquebench evaluate lubrication`: factor of the present lubricant on the bearings' drag."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def lubrication(
     ] = "",
     column: ColumnOption = None,
 ) -> None:
-    """Find the factor on the bearings' drag by the present lubricant.
+    """Determine the factor of the present lubricant on the bearings' drag.
 
     The empty run goes over the working speeds in both directions. The new file is the same chain
-    with that factor; its U contains how far single speeds deviate from it. A run that doesn't show
+    with that factor, whose U contains the deviations of single speeds. A run that doesn't determine
     the factor is refused.
     """
     check_output(result, run, model, endings=(".json",))

@@ -1,1 +1,1 @@
-"""Commands on models: fit, apply, verify, export, budget."""
+"""Commands for models: fit, apply, verify, export, budget."""

@@ -54,7 +54,7 @@ DEFAULT_KIND = "hybrid"
 
 
 class Outliers(StrEnum):
-    """What happens to an outlier."""
+    """Treatment of outliers."""
 
     DOWNWEIGHT = "downweight"
     REFUSE = "refuse"
@@ -217,7 +217,7 @@ def fit(
         accepted=f"{by.strip()}: {accept.strip()}" if by and fitted.contradictions else "",
     )
     say_file("Model", result)
-    if report:  # imported only now: drawing takes a third of the time
+    if report:  # imported here, because drawing takes a third of the time
         from torquebench.reports.fit_report import fit_page
         from torquebench.reports.turning_report import identified_section
 
@@ -285,13 +285,13 @@ def apply(
 ) -> None:
     """Compensate readings: add torque, additional torque and expanded uncertainty (k = 2).
 
-    U is that of the torque by the whole measuring chain; `budget` shows its contributions. The
-    columns branch, speed_rpm, temperature_c and standard_error_nm are used if they exist: a
-    quantity that isn't measured increases U by its possible effect on this chain. A file with
-    time_s is one record in time order: without a column acceleration_rad_s2 the acceleration is
-    computed from the speed, and without a column branch the branch from the earlier readings.
-    Rows are single readings, unless a comment states "# window_s = 0.5", or "# steady = true" for
-    steady means as in a calibration.
+    U is that of the whole measuring chain; `budget` shows its contributions. The columns branch,
+    speed_rpm, temperature_c and standard_error_nm are used if they exist; a quantity that wasn't
+    measured increases U by its possible effect on this chain. A file with time_s is one record in
+    time order: without a column acceleration_rad_s2 the acceleration is computed from the speed,
+    and without a column branch the branch from the earlier readings. Rows are single readings,
+    unless a comment states "# window_s = 0.5", or "# steady = true" for steady means as in a
+    calibration.
     """
     from torquebench.compensation import load_model
     from torquebench.tables import check_model, check_read, check_written, model_conversion
@@ -413,11 +413,11 @@ def verify(
     options: dict[str, Any] = {"mapping": table.column or (), "conversion": table.conversion()}
     read = read_calibration_table(data, model=stored, remark=warn, **options)
     for other in compared.values():
-        read_calibration_table(data, model=other, **options)  # refuses another chain
+        read_calibration_table(data, model=other, **options)  # raises an error for another chain
     points = read.data
     tell_columns(read.columns.understood, read.columns.notes)
     if points.sha256() == stored.provenance.training_data_sha256:
-        warn("these are the points that the model was fitted to: this is no verification")
+        warn("the model was fitted to these points: this isn't a verification")
     _warn_of_contradictions(stored)
 
     from torquebench.calibration import verify as verify_models
@@ -467,7 +467,7 @@ def verify(
 
 
 def chain_of(stored: StoredModel, bench: Path | None) -> MeasuringChain:
-    """Return the chain of a file, or as it is in use on a bench."""
+    """Return the chain of a model file, with a bench's limits if a description is given."""
     from torquebench.chain import MeasuringChain
 
     if bench is None:
@@ -496,7 +496,7 @@ def write_verification(
     reports: Sequence[Path],
     turning: Torque | None = None,
 ) -> None:
-    """Write the reports; for a rotating chain with errors over speed and temperature."""
+    """Write the reports; for a rotating chain, with errors over speed and temperature."""
     if not reports:
         return
     from torquebench.reports.verification_report import Verified, verification_page

@@ -1,4 +1,4 @@
-"""What a command says while kernels are compiled, and a second process that computes for it."""
+"""A message while kernels are compiled, and a second process for computations."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _told = False
 
 @contextlib.contextmanager
 def telling_compilation(console: Console) -> Iterator[None]:
-    """Say once in a process that kernels are compiled, if somebody looks at the terminal."""
+    """Print once per process that kernels are being compiled, if the output is a terminal."""
     if "numba" not in sys.modules or is_quiet() or not console.is_terminal:
         yield
         return
@@ -52,7 +52,7 @@ def telling_compilation(console: Console) -> Iterator[None]:
 
 @contextlib.contextmanager
 def second_process() -> Iterator[SecondProcess]:
-    """Offer a second process, which computes while this one measures."""
+    """Provide a second process that computes while this one measures."""
     before = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(1, mp_context=context, initializer=_serve)
@@ -67,13 +67,13 @@ def second_process() -> Iterator[SecondProcess]:
 
 
 class SecondProcess:
-    """Computes while this process measures; if it dies, this one computes instead."""
+    """A process that computes while this one measures; if it dies, this one computes instead."""
 
     def __init__(self, pool: Executor) -> None:
         self._pool = pool
 
     def begin(self, function: Callable[[], Result]) -> Callable[[], Result]:
-        """Begin a computation, which has to be picklable; return what waits for its result."""
+        """Start a picklable computation; return a function that waits for its result."""
         try:
             future = self._pool.submit(function)
         except BrokenExecutor:
@@ -82,27 +82,27 @@ class SecondProcess:
         def wait() -> Result:
             try:
                 return future.result()
-            except BrokenExecutor:  # for want of memory, for instance
+            except BrokenExecutor:  # for lack of memory, for instance
                 return function()
 
         return wait
 
 
 def _serve() -> None:
-    """Let a bench that acquires go first, and end with the process that has asked."""
-    with contextlib.suppress(AttributeError):  # no niceness on Windows
+    """Lower the priority of the second process, and end it with its parent."""
+    with contextlib.suppress(AttributeError):  # Windows has no niceness
         os.nice(10)
     end_with_parent()
 
 
 def _import_fits() -> None:
-    """Import what fits need, before there is one."""
+    """Import the modules for fits in advance."""
     import torquebench.campaign.fitting  # noqa: F401
 
 
 @contextlib.contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Start processes that Ctrl-C doesn't reach: whoever has started them ends them."""
+    """Start processes that ignore Ctrl-C, so that their parent ends them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

@@ -1,4 +1,4 @@
-"""`torquebench export` and `budget`: a model's table for other programs, and its budget."""
+"""`torquebench export` and `budget`: export a model's table, and compute budgets."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def export(
     from torquebench.compensation.export.branches import partial_loop_deviation
 
     if MeasuringChain.of(stored).turns:
-        warn("the table is the static curve alone: temperature, rotation and inertia aren't in it")
+        warn("the table contains only the static curve, without temperature, rotation and inertia")
 
     table = compile_table(stored.model, uncertainty=not no_uncertainty)
     export_table(result, table, stored.provenance, decimal_comma=decimal_comma)
@@ -133,10 +133,10 @@ def budget(
 ) -> None:
     """Compute the uncertainty budget of readings by the GUM, checked by Monte Carlo.
 
-    It is the U that `apply`, `measure`, the panel and certificates state for the same reading under
-    the same conditions. A condition that isn't given enters with its possible range. Limits given
-    as options replace those in the model's file. Both methods are compared by the criterion of JCGM
-    101, clause 8. If they differ, state the larger of the two intervals.
+    U is the one that `apply`, `measure`, the panel and certificates state for the same reading
+    under the same conditions. A condition that isn't given contributes with its possible range.
+    Limits given as options replace those in the model's file. Both methods are compared by the
+    criterion of JCGM 101, clause 8. If they differ, state the larger of the two intervals.
     """
     import numpy as np
 

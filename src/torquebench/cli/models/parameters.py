@@ -25,19 +25,19 @@ ParameterOption = Annotated[
 
 
 def model_parameters(kind: str, given: list[str] | None) -> dict[str, Any]:
-    """Return a model's parameters from the command line, checked.
+    """Check and return a model's parameters from the command line.
 
     Parameters
     ----------
     kind : str
         Of the model.
     given : list of str or None
-        ``NAME=VALUE`` each.
+        Texts ``NAME=VALUE``.
 
     Raises
     ------
     InputError
-        No such parameter, given twice, or a value outside its limits.
+        A parameter doesn't exist, is given twice, or is outside its limits.
 
     Examples
     --------

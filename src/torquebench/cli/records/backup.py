@@ -1,4 +1,4 @@
-"""`torquebench records backup`, `restore` and `rebuild`: a second copy, and its restoration."""
+"""`torquebench records backup`, `restore` and `rebuild`: back up and restore records."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def backup(
     ],
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """Copy all records into a folder, also while the bench runs.
+    """Copy all records into a folder, even while the bench runs.
 
     The registry is copied in one consistent state, with all files that it names: runs, models,
     certificates, audit log, accounts of the panel. Sealed runs are copied once. The copy is a data

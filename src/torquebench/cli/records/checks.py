@@ -33,7 +33,7 @@ def verify(
 
     This checks the database with its indexes, tables and triggers, every row by the hash chain,
     every run folder, model and certificate, unregistered folders, and the audit log by its own
-    chain. Each defect is named with its remedy. Exit code 1 if there is one.
+    chain. Each defect is listed with its remedy. The exit code is 1 if there is a defect.
     """
     from torquebench.records import anchor_of
     from torquebench.station.data_check import check_data_directory
@@ -70,7 +70,7 @@ def checked_directory(data: Path) -> Path:
     Raises
     ------
     InputError
-        There is neither.
+        The directory has neither a registry nor runs.
     """
     from torquebench.station.data_check import run_folders
 

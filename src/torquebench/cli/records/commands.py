@@ -112,7 +112,7 @@ def list_records(
 
 @contextmanager
 def _named_problems(problems: list[str]) -> Iterator[None]:
-    """Note what can't be read, and go on."""
+    """Collect errors of unreadable entries, and continue."""
     from torquebench.records.files import UNREADABLE
 
     try:
@@ -124,10 +124,9 @@ def _named_problems(problems: list[str]) -> Iterator[None]:
 
 
 def _runs_at_once(folder: Path, limit: int) -> Sequence[RunLine] | None:
-    """Return the newest runs without opening the registry.
+    """Return the newest runs directly from the SQLite file, without opening the registry.
 
-    None if the registry isn't a file that torquebench wrote, or where a named run may be
-    unfinished.
+    None if the file isn't a registry of this version, or if a run may be unfinished.
     """
     if os.environ.get(REGISTRY_URL):
         return None
@@ -145,7 +144,7 @@ def show_record(
     ],
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """Show one record with its files checked against their hashes."""
+    """Show one record, and check its files against their hashes."""
     from torquebench.operations.records import find_run
     from torquebench.records import Registry
 
@@ -216,7 +215,7 @@ def _print_list(
     records: list[dict[str, Any]],
     limit: int,
 ) -> None:
-    """Print as many lines as the limit allows, and answer with their records."""
+    """Print lines up to the limit, and add their records to the JSON answer."""
     none = not lines
     table = narrow_table(
         kind.capitalize(), columns=headings, caption="none yet" * none, headings=not none
@@ -320,7 +319,7 @@ def _show_model(registry: Registry, model_id: int) -> None:
 
 
 def _use(registry: Registry, model: ModelEntry) -> str:
-    """Return whether a model is in use, by whom, and how that came about."""
+    """State whether a model is in use, who activated it and how the person was authenticated."""
     from torquebench.records.signatures import how
 
     if not model.active:

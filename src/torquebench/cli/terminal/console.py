@@ -1,4 +1,4 @@
-"""Output of every command: results, messages, and the results as JSON.
+"""Output of all commands: results, messages, and results as JSON.
 
 Results go to standard output, everything else to standard error. With `--json` a command prints
 one JSON object instead of its tables; with `--quiet` it prints warnings and errors only.
@@ -47,12 +47,12 @@ __all__ = [
 ]
 
 PLAIN_WIDTH = 80
-"""Width without a terminal: pipes, files and logs stay readable everywhere."""
+"""Width of output to pipes, files and logs."""
 
 
 @dataclass
 class _Output:
-    """Output settings of one command, and its answer so far."""
+    """Output settings of a command, and its JSON answer so far."""
 
     command: str = ""
     json: bool = False
@@ -68,25 +68,25 @@ _output = _Output()
 
 
 def begin_output(command: str, *, json: bool, quiet: bool) -> None:
-    """Set how the command that begins now writes."""
+    """Set the output of the command that begins."""
     global _output
     _output = _Output(command, json, quiet)
 
 
 def is_json() -> bool:
-    """Return whether the results are wanted as JSON."""
+    """Return whether the command prints its results as JSON."""
     return _output.json
 
 
 def is_quiet() -> bool:
-    """Return whether only warnings and errors are wanted."""
+    """Return whether the command prints only warnings and errors."""
     return _output.quiet
 
 
 def answer(**facts: Any) -> None:
     """Add facts to the JSON answer; `cli.answers` lists those of every command.
 
-    A fact that is a list extends the earlier list of its name.
+    A list extends an earlier list of the same name.
     """
     for name, value in facts.items():
         before = _output.answer.get(name)
@@ -101,7 +101,7 @@ def answer_line(**facts: Any) -> None:
 
 
 def end_output(exit_code: int) -> None:
-    """Print the command's answer as one JSON object, if that is wanted, and forget its settings."""
+    """With `--json`, print the command's answer as one JSON object and reset the settings."""
     if _output.json:
         _print_answer(exit_code)
     begin_output("", json=False, quiet=False)
@@ -130,12 +130,12 @@ def _print_json(content: Mapping[str, Any]) -> None:
 
 
 def leave_standard_output() -> None:
-    """Print results to standard error from now on: a file is written to standard output.
+    """Print results to standard error, because a file is written to standard output.
 
     Raises
     ------
     InputError
-        Where `--json` or another file of the command goes there, too.
+        Where `--json` or another file also uses standard output.
     """
     if _output.json:
         raise InputError(
@@ -149,12 +149,12 @@ def leave_standard_output() -> None:
 
 
 def claim_file(path: Path) -> None:
-    """Note that the command writes a file, so that it doesn't write another into its place.
+    """Register an output file of the command, so that it isn't written twice.
 
     Raises
     ------
     InputError
-        Where the command writes this one already.
+        Where the command already writes this file.
     """
     target = path.resolve()
     if target in _output.written:
@@ -167,13 +167,13 @@ def claim_file(path: Path) -> None:
 
 
 def out() -> Console:
-    """Return the console of results (standard output); plain if it isn't a terminal."""
+    """Return the console for results (standard output), without styles outside a terminal."""
     silent = _output.json or _output.quiet
     return _console(stderr=_output.standard_output_is_a_file, quiet=silent)
 
 
 def stderr_console() -> Console:
-    """Return the console of messages and errors (standard error)."""
+    """Return the console for messages and errors (standard error)."""
     return _console(stderr=True)
 
 
@@ -185,7 +185,7 @@ def _console(*, stderr: bool, quiet: bool = False) -> Console:
 
 
 def say(text: str) -> None:
-    """Print one line of result; Rich markup is understood, so escape foreign text."""
+    """Print one line of results; text from outside must be escaped, because Rich markup applies."""
     out().print(text)
 
 
@@ -203,7 +203,7 @@ def print_file(title: str, path: object) -> None:
 
 
 def note(text: str) -> None:
-    """Print a line about the work itself, which a pipe of the results shouldn't carry."""
+    """Print a line about the work itself to standard error, apart from the results."""
     if not _output.quiet:
         stderr_console().print(Text(text, style="dim"))
 
@@ -242,17 +242,17 @@ def _write_message(parts: Mapping[str, str]) -> None:
 def narrow_table(
     title: str = "", *, columns: Sequence[str] = (), caption: str = "", headings: bool = True
 ) -> Table:
-    """Return a table that stays within 80 columns: thin rules, one space of padding.
+    """Return an empty table for at most 80 columns, with thin rules and one space of padding.
 
     Parameters
     ----------
     title : str
     columns : sequence of str
-        Headings: one that begins with ">" is set right, then one with "|" is never broken; long
-        words of others are.
+        Headings; a prefix ">" aligns the column right, and "|" (after ">", if any) forbids
+        wrapping.
     caption : str
     headings : bool
-        Whether they are printed.
+        Whether headings are printed.
     """
     table = Table(
         title=title or None,
@@ -279,7 +279,7 @@ def narrow_table(
 
 
 def print_facts(title: str, facts: Iterable[tuple[str, str]]) -> None:
-    """Print names and values below a title; those without a value are left out."""
+    """Print names and values below a title, without empty values."""
     table = narrow_table(title, headings=False)
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")

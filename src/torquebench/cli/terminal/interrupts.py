@@ -24,21 +24,20 @@ __all__ = ["BenchInterrupts"]
 
 
 class BenchInterrupts:
-    """Reactions to signals while a plan runs on a station.
+    """Handles signals while a plan runs on a station.
 
-    At a terminal, the first Ctrl-C pauses at the next point (the torque goes to zero) and asks; a
-    second one aborts at once. Without a terminal no question can be asked: Ctrl-C aborts. A request
-    to terminate and a closed terminal abort always. The bench is without torque before the process
-    ends.
+    At a terminal, the first Ctrl-C pauses at the next point (with zero torque) and asks how to
+    continue; a second one aborts at once. Without a terminal, Ctrl-C aborts. Termination and a
+    closed terminal always abort. The bench is without torque before the process ends.
 
     Parameters
     ----------
     station : Station
-        Its Ctrl-C action is set.
+        Station whose Ctrl-C action is set.
     progress : TerminalProgress
-        Its bars pause during a question.
+        Progress bars, which pause during a question.
     may_pause : bool
-        False if starting again loses nothing: Ctrl-C then aborts at a terminal, too.
+        False if starting again loses nothing; Ctrl-C then aborts at a terminal, too.
 
     Attributes
     ----------
@@ -56,12 +55,12 @@ class BenchInterrupts:
 
     @property
     def interactive(self) -> bool:
-        """Whether a person can answer."""
+        """Whether a person can answer questions."""
         return sys.stdin.isatty() and sys.stderr.isatty()
 
     @contextlib.contextmanager
     def watching(self) -> Iterator[None]:
-        """Take over the signals until the block ends."""
+        """Handle the signals until the block ends."""
         wanted = {signal.SIGINT: self._on_interrupt, signal.SIGTERM: self._on_termination}
         if hasattr(signal, "SIGHUP"):
             wanted[signal.SIGHUP] = self._on_termination
@@ -73,7 +72,7 @@ class BenchInterrupts:
                 signal.signal(number, handler)
 
     def ask(self, _station: Station) -> Literal["resume", "abort"]:
-        """Ask whether a paused run continues; no answer at all aborts."""
+        """Ask whether a paused run continues; abort without an answer."""
         self._progress.pause()
         answer = ""
         try:

@@ -1,4 +1,4 @@
-"""A result's description in the terminal, within 80 columns: facts and tables, no figures."""
+"""Print a result's page in the terminal within 80 columns: facts and tables, no figures."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 __all__ = ["print_page", "print_verdict"]
 
 NAME_WIDTH = 30
-"""Columns of the first cell of a row of numbers."""
+"""Width of the first column in a table of numbers."""
 WORDS_WIDTH = 16
-"""Columns that a column of sentences has at least."""
+"""Smallest width of a column of sentences."""
 
 
 def print_page(page: Page) -> None:
-    """Print title, facts and tables of a description; details and figures are left out."""
+    """Print title, facts and tables of a page, without details and figures."""
     suffix = " - simulated" if page.simulated else ""
     out().print(Text(f"{page.title}{suffix}", style="bold"))
     if page.subtitle:
@@ -55,7 +55,7 @@ def _print_facts(facts: Facts) -> None:
 
 
 def _print_table(table: Table) -> None:
-    """Print a table; headings are broken, numbers never are."""
+    """Print a table; headings may be wrapped, but not numbers."""
     sentences, grid, console = table.sentences, narrow_table(), out()
     words = [number == 0 or table.words or sentences[number] for number in range(len(sentences))]
     widths = [
@@ -80,7 +80,7 @@ def _print_table(table: Table) -> None:
 
 
 def print_verdict(result: Result) -> None:
-    """Print the sentence of a result, in the colour of its verdict."""
+    """Print the headline of a result in the colour of its verdict."""
     from torquebench.uncertainty import Verdict
 
     label = Verdict(result.verdict).label if result.verdict else ""

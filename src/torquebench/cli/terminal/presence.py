@@ -1,9 +1,9 @@
-"""Confirmation of the operator's presence at the terminal, at the interval of the description.
+"""Confirm the operator's presence at the terminal at regular intervals.
 
-With `safety.presence_s` a drive has power only while somebody has confirmed to be at the bench. Any
-key confirms, and so does an answer to a question; a line reminds before the time is over. Without a
-terminal nobody can confirm, and a bench that requires it doesn't move. The bench's description sets
-the requirement; no command can change it.
+With `safety.presence_s`, drives have power only while the operator regularly confirms to be at the
+bench, by any key or an answer to a question. A line reminds the operator in time. Without a
+terminal nobody can confirm, and a bench that requires it doesn't move. Only the bench description
+sets this requirement; no command can change it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = ["attending"]
 
 POLL_S = 0.1
 REMINDER = 1.0 / 3.0
-"""Share of the time left at which the reminder appears."""
+"""Remaining share of the interval at which the reminder appears."""
 
 
 @contextlib.contextmanager
@@ -39,12 +39,12 @@ def attending(station: Station, progress: TerminalProgress) -> Iterator[None]:
     ----------
     station : Station
     progress : TerminalProgress
-        Its bars state when a question is asked, which then gets the keys.
+        Progress bars, which signal when a question needs the keys.
 
     Raises
     ------
     InputError
-        The bench requires it, and there is no terminal.
+        The bench requires presence, and there is no terminal.
     """
     period_s = station.description.safety.presence_s
     if period_s <= 0.0:
@@ -67,7 +67,7 @@ def attending(station: Station, progress: TerminalProgress) -> Iterator[None]:
 
 
 class _Attendance:
-    """Turns keys into confirmations in a thread of its own; silent during a question."""
+    """Confirms presence at each key, in a separate thread; inactive during a question."""
 
     def __init__(self, station: Station, progress: TerminalProgress, period_s: float) -> None:
         from torquebench.records.signatures import operator_name
@@ -86,7 +86,7 @@ class _Attendance:
 
     @contextlib.contextmanager
     def taking_keys(self) -> Iterator[None]:
-        """Wait for the first key, then take them until the block ends."""
+        """Wait for the first key, then read keys until the block ends."""
         try:
             self._keys.take()
             self._progress.say(
@@ -108,13 +108,13 @@ class _Attendance:
             self._keys.give_back()
 
     def pause(self) -> None:
-        """Leave the keys to a question."""
+        """Stop reading keys during a question."""
         with self._lock:
             self._asking = True
             self._keys.give_back()
 
     def resume(self, *, answered: bool) -> None:
-        """Take the keys again; an answer at this terminal was a confirmation."""
+        """Read keys again; an answer at this terminal counts as a confirmation."""
         with self._lock:
             if answered:
                 self._confirm()
@@ -132,7 +132,7 @@ class _Attendance:
                 if not self._asking and self._keys.pressed(POLL_S):
                     self._confirm()
             self._remind()
-            time.sleep(0.01)  # give the lock to a waiting thread
+            time.sleep(0.01)  # let a waiting thread get the lock
 
     def _remind(self) -> None:
         left_s = self._period_s - (time.monotonic() - self._confirmed_s)
@@ -151,10 +151,10 @@ if sys.platform == "win32":  # pragma: no cover - the tests run elsewhere
         gone = False
 
         def take(self) -> None:
-            """Nothing must be prepared."""
+            """Do nothing: the Windows console needs no preparation."""
 
         def give_back(self) -> None:
-            """Nothing was changed."""
+            """Do nothing: the Windows console wasn't changed."""
 
         def pressed(self, timeout_s: float) -> bool:
             """Return whether a key was pressed, waiting for one."""

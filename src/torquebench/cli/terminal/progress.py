@@ -1,4 +1,4 @@
-"""Progress in the terminal: bars on a terminal, one line a stage otherwise."""
+"""Progress of a command: bars on a terminal, otherwise one line per stage."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ TITLE_COLUMNS = 38
 
 
 class Attendance(Protocol):
-    """Reader of keys while no question is asked; see `cli.presence`."""
+    """Reads keys while no question is asked; see `cli.terminal.presence`."""
 
     def pause(self) -> None:
-        """Leave the keys to a question."""
+        """Stop reading keys during a question."""
 
     def resume(self, *, answered: bool) -> None:
-        """Take the keys again."""
+        """Read keys again."""
 
 
 class TerminalProgress:
     """Show the stages of a campaign on standard error, within 80 columns.
 
-    Use it as a context manager: leaving it, also by an error, gives the terminal back.
+    As a context manager, it restores the terminal at the end, even after an error.
 
     Attributes
     ----------
     attendance : Attendance or None
-        Told when a question begins and ends.
+        Notified when a question begins and ends.
     """
 
     def __init__(self, console: Console | None = None) -> None:
@@ -80,7 +80,7 @@ class TerminalProgress:
         self._compiling.__exit__(kind, error, trace)
 
     def start(self, title: str, total: int | None = None) -> None:
-        """Begin a stage of `total` steps (None if unknown); ends the previous stage."""
+        """Begin a stage of `total` steps (None if unknown), and end the previous one."""
         self.finish()
         self._title, self._total, self._since = title, total, time.monotonic()
         if self._drawn:
@@ -89,7 +89,7 @@ class TerminalProgress:
             self._console.print(title + (f" ({total})" if total else ""))
 
     def reach(self, done: int, detail: str = "") -> None:
-        """Say how many steps are done, and what is at work."""
+        """Show the number of finished steps, and the present step."""
         if self._task is not None:
             title = f"{self._title}: {detail}" if detail else self._title
             self._bars.update(self._task, completed=done, description=title[:TITLE_COLUMNS])

@@ -1,4 +1,4 @@
-"""Questions of the bench to a person, answered at the terminal."""
+"""Answer the bench's questions at the terminal."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ if TYPE_CHECKING:
 __all__ = ["answering"]
 
 POLL_S = 0.2
-"""Interval at which a waiting question is checked for an answer from elsewhere, s."""
+"""Interval at which a question is checked for an answer from another interface, s."""
 
 
 @contextlib.contextmanager
 def answering(prompts: PromptQueue, progress: TerminalProgress, *, yes: bool) -> Iterator[None]:
-    """Answer the prompts's questions until the block ends.
+    """Answer the questions of a queue until the block ends.
 
     Parameters
     ----------
     prompts : PromptQueue
     progress : TerminalProgress
-        Its bars pause during a question.
+        Progress bars, which pause during a question.
     yes : bool
-        Confirm everything without asking.
+        Whether to confirm everything without asking.
     """
 
     def ask(prompt: Prompt) -> None:
