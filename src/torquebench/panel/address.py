@@ -1,4 +1,4 @@
-"""The panel's address and the addresses that it refuses."""
+"""The panel's address, and the host names that it accepts."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ class Address:
     Parameters
     ----------
     host : str
-        An address, or "localhost".
+        Address to listen on, or "localhost".
     port : int
-        0 takes a free one.
+        Port to listen on; 0 chooses a free one.
     tls_cert, tls_key : path, optional
         Certificate chain and private key, PEM.
     insecure_network : bool
         Allow other machines to connect without TLS.
     names : tuple of str
-        Further names that this machine is called by in its network.
+        Additional host names of this machine in its network.
     proxy : str
         Address of a trusted reverse proxy; empty without one.
     """
@@ -47,7 +47,7 @@ class Address:
 
     @property
     def local(self) -> bool:
-        """Whether only this machine reaches it."""
+        """Whether only this machine can connect."""
         return _is_loopback(self.host)
 
     @property
@@ -57,11 +57,10 @@ class Address:
 
     @property
     def hosts(self) -> tuple[str, ...]:
-        """Names that requests may call this server by, and `ANY_ADDRESS`; none where any may.
+        """Host names that requests may contain, and `ANY_ADDRESS`; empty if any name is accepted.
 
-        Only the server's own names: a foreign name that resolves to this server gets no answer. An
-        address in figures can't be made to point elsewhere, and with TLS a foreign name fails by
-        itself.
+        A foreign name that resolves to this server gets no answer, against DNS rebinding. Numeric
+        addresses can't be rebound, and with TLS a foreign name fails anyway.
         """
         if _is_loopback(self.host):
             named = (each.lower() for each in self.names)
@@ -74,13 +73,13 @@ class Address:
         return (ANY_ADDRESS, *dict.fromkeys(each.lower() for each in own))
 
     def check(self) -> None:
-        """Refuse to listen to a network in clear.
+        """Raise an error for an invalid address or an unencrypted network.
 
         Raises
         ------
         InputError
-            Not the loopback address, and neither TLS nor the explicit option; half of TLS; a
-            proxy without an address.
+            The address isn't loopback, and neither TLS nor the explicit option is given;
+            certificate or key is missing; or the proxy's address isn't numeric.
         """
         if self.proxy and not _is_address(self.proxy):
             raise InputError(

@@ -1,4 +1,4 @@
-"""Services beside the panel: other protocols for the bench that the panel has open."""
+"""Interface for services with other protocols, such as OPC UA, for the panel's open bench."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ __all__ = ["Jobs", "PanelService", "ServedBench"]
 
 
 class Jobs(Protocol):
-    """The jobs of a bench: at most one is under way."""
+    """The jobs of a bench, of which at most one is running."""
 
     @property
     def current(self) -> JobView | None:
-        """The job under way."""
+        """The running job; None without one."""
 
     def recent(self) -> list[JobView]:
         """Return jobs since the panel was started, the newest first."""
 
 
 class ServedBench(Protocol):
-    """The open bench of a panel, as a service beside it uses it.
+    """The panel's open bench, as an additional service sees it.
 
-    Every method may be called from any thread, returns frozen values, and raises
-    `TorquebenchError` where it refuses. Nothing here moves the bench.
+    Every method may be called from any thread, returns frozen values, and raises `TorquebenchError`
+    to refuse a call. Nothing here moves the bench.
     """
 
     @property
@@ -46,21 +46,21 @@ class ServedBench(Protocol):
 
     @property
     def data_dir(self) -> Path:
-        """Data directory; a service keeps its own files there."""
+        """Data directory, in which a service may also store its files."""
 
     @property
     def records(self) -> RecordQueries:
-        """Runs, calibrations, certificates and their files; ask again after each use."""
+        """Runs, calibrations, certificates and their files; keep no reference to this object."""
 
     @property
     def jobs(self) -> Jobs:
-        """The jobs."""
+        """Running and recent jobs."""
 
     def snapshot(self) -> BenchSnapshot:
-        """Return state and live values of both sides; cheap enough for every 0.1 s."""
+        """Return state and live values of both sides; fast enough to be called every 0.1 s."""
 
     def alarms(self, *, active: bool = False) -> list[AlarmView]:
-        """Return alarms and warnings, the newest first; active ones alone, the worst first."""
+        """Return alarms and warnings, newest first; or only active ones, most severe first."""
 
     def identify(self, name: str, secret: str, address: str) -> Actor:
         """Return a person by name and password, or a program by its name and token.
@@ -68,16 +68,16 @@ class ServedBench(Protocol):
         Raises
         ------
         TorquebenchError
-            It is neither, or is locked out for a while.
+            Name and secret don't match, or too many attempts failed.
         """
 
     def present(self, actor: Actor, role: Role | None = None) -> Actor | None:
-        """Return an actor with its present role; None if it lost its access or this role."""
+        """Return an actor with its present role; None if it no longer has access or this role."""
 
     def acknowledge(
         self, actor: Actor, alarm_ids: Collection[str] | None = None
     ) -> AlarmView | None:
-        """Clear the latched alarm by name, once its cause is gone; return the cleared alarm."""
+        """Acknowledge the latched alarm after its cause is removed; return it."""
 
     def note(self, actor: Actor, what: str, **details: Any) -> None:
         """Enter an action into the panel's log and the bench's audit log."""
@@ -87,23 +87,23 @@ class ServedBench(Protocol):
 class PanelService:
     """A service that an option of `torquebench panel` starts.
 
-    An installed package names it by an entry point in the group ``torquebench.services``.
+    An installed package provides it as an entry point in the group ``torquebench.services``.
 
     Attributes
     ----------
     option : str
         Name of the option, without its dashes.
     value : str
-        What stands for the option's value in the help, such as ``URL``.
+        Placeholder of the option's value in the help, such as ``URL``.
     help : str
-        The option's help, a sentence.
+        The option's help, one sentence.
     settings : callable
-        Returns the settings of the option's value. It is called before the bench opens, and raises
-        `InputError` where the service couldn't start.
+        Converts the option's value to settings. It is called before the bench opens, and raises
+        `InputError` if the service couldn't start.
     serve : callable
-        Takes the open bench, the settings and a function that prints a note at any time; returns a
-        context manager. The service runs while it is entered; the panel is served meanwhile. It
-        gives the address that is printed beside the panel's, or None.
+        Takes the open bench, the settings and a function that prints a note; returns a context
+        manager. The service runs within its block, as long as the panel is served. Its value is the
+        address to print with the panel's, or None.
     """
 
     option: str

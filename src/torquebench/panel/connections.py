@@ -1,4 +1,4 @@
-"""Limits on idle connections: how long, and how many."""
+"""Limits on the duration and number of connections."""
 
 from __future__ import annotations
 
@@ -15,29 +15,31 @@ HEAD_S = 30.0
 advance within ten seconds, and don't retry if it was closed meanwhile.
 """
 LAST_POLL_S = 0.1
-"""Time to read data that arrived while the process was busy, before a connection is closed, s."""
+"""Time for reading data that arrived while the process was busy, before a connection is closed,
+s."""
 LARGEST_HEAD = 64 * 1024
-"""Longest head of a request, bytes: the parser has no limit."""
+"""Longest head of a request, bytes; the parser itself has no limit."""
 MOST_CONNECTIONS = 300
-"""Most connections in all: the bench's files need descriptors too. A further one replaces the
-longest idle one of the address with most connections, so that a stop always gets through.
+"""Largest number of connections, because the bench's files also need descriptors. Another one
+replaces the longest idle connection of the address with most connections, so that a stop always
+gets through.
 """
 MOST_OF_ONE = 200
-"""Most connections of one address other than the trusted proxy; a further one replaces its own
-longest idle one.
+"""Largest number of connections of an address other than the trusted proxy's; another one replaces
+the longest idle one of the same address.
 """
 FOR_STOPS = 50
-"""Additional connections if none is idle: they may only stop the bench."""
+"""Additional connections if none is idle; they may only stop the bench."""
 STOPS = (b"POST /panel/stop ", b"POST /api/v1/stop ")
 
 _TURNS = itertools.count(1)
-"""Counter of the order in which connections became idle: the loop's clock is equal within one pass.
+"""Numbers the order in which connections became idle; the loop's clock is too coarse for this.
 """
 _Base: Any = AutoHTTPProtocol
 
 
 class PatientProtocol(_Base):
-    """uvicorn's protocol, with a limit to its patience: it has none for a head that trickles."""
+    """uvicorn's protocol with a timeout for receiving a request's head, which uvicorn lacks."""
 
     _patience: asyncio.TimerHandle | None = None
     _head = 0
@@ -46,7 +48,7 @@ class PatientProtocol(_Base):
     """Data of a connection that may only stop the bench; None for any other."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:
-        """Take a connection; where there are too many, an idle one has to go for it."""
+        """Accept a connection; if there are too many, close an idle one or allow only a stop."""
         super().connection_made(transport)
         self._idle_since = next(_TURNS)
         full = len(self.connections) > MOST_CONNECTIONS
@@ -89,7 +91,7 @@ class PatientProtocol(_Base):
         )
 
     def data_received(self, data: bytes) -> None:
-        """Take bytes; a request that isn't whole yet doesn't get new time by each of them."""
+        """Receive data; the timeout of an incomplete request isn't extended by them."""
         if self._begin is not None:
             self._begin = (self._begin + data)[: len(STOPS[1])]
             if not any(self._begin.startswith(s[: len(self._begin)]) for s in STOPS):
@@ -101,7 +103,7 @@ class PatientProtocol(_Base):
         if self._answering:
             self._served()
             return
-        if self.cycle is None or not self.cycle.more_body:  # otherwise a body that no one reads
+        if self.cycle is None or not self.cycle.more_body:  # else a body to ignore
             self._head += len(data)
         if self._head > LARGEST_HEAD:
             self.transport.abort()
@@ -109,7 +111,7 @@ class PatientProtocol(_Base):
             self._wait()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget the connection."""
+        """Stop the timeout of a lost connection."""
         self._served()
         super().connection_lost(exc)
 
@@ -123,19 +125,19 @@ class PatientProtocol(_Base):
             self._patience = None
 
     def on_response_complete(self) -> None:
-        """Be idle from now on."""
+        """Mark the connection as idle."""
         self._idle_since = next(_TURNS)
         if self._begin is not None:
             self._begin = b""
         super().on_response_complete()
 
     def timeout_keep_alive_handler(self) -> None:
-        """Close a connection that rests; a request that waits to be read comes first."""
+        """Close an idle connection after a last chance to read a waiting request."""
         close = super().timeout_keep_alive_handler
         self.timeout_keep_alive_task = self.loop.call_later(LAST_POLL_S, close)
 
     def _give_up(self) -> None:
-        # The loop checks timers before it reads: after a pause, a head may be unread.
+        # The loop runs timers before it reads, so after a busy time a head may be unread.
         self._patience = self.loop.call_later(LAST_POLL_S, self._close)
 
     def _close(self) -> None:

@@ -1,7 +1,7 @@
-"""Two event loops: a front loop passes messages on and stops the bench, a back loop does the rest.
+"""Two event loops: the front loop forwards messages and stops the bench, the other does the rest.
 
-However long a page or an operation computes on the back loop, the front loop accepts connections,
-so that a stop never waits.
+The front loop accepts connections however long a page or an operation computes on the back loop, so
+that a stop never waits.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ __all__ = ["EventLoopBridge"]
 
 
 class EventLoopBridge:
-    """An ASGI application that runs another one on a separate event loop.
+    """ASGI application that runs another application on a separate event loop.
 
     Parameters
     ----------
     app : ASGIApp
-        Called on a separate thread, from entering the block until its end.
+        The application, which is called on a separate thread within the context manager's block.
     loop_factory : callable, optional
-        Makes that thread's loop.
+        Creates the loop of that thread.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class EventLoopBridge:
         await self._ended.wait()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Run the application on the back loop, and transfer its messages."""
+        """Run the application on the back loop, and forward its messages."""
         assert self._loop is not None
         front = asyncio.get_running_loop()
 
@@ -74,7 +74,7 @@ class EventLoopBridge:
 
 
 async def _on(loop: asyncio.AbstractEventLoop, work: Awaitable[Any]) -> Any:
-    """Await something on another loop; a cancellation is passed on."""
+    """Await work on another loop; a cancellation is passed on."""
 
     async def awaited() -> Any:
         return await work

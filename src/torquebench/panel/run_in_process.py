@@ -1,4 +1,4 @@
-"""Long computations in a separate process, so that the bench's threads aren't delayed."""
+"""Run long computations in a separate process, so that the bench's threads aren't delayed."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ def run_in_process(
     Parameters
     ----------
     function : callable
-        Importable by name; takes the arguments and then, as the last one, a `Progress`.
+        Function that is importable by name; its last argument is a `Progress`.
     *arguments
         Values that can be pickled.
     progress : Progress
         Receives the function's progress.
     cancelled : callable
-        RunningPoint every 0.2 s; True ends the process.
+        Called every 0.2 s; True ends the process.
 
     Raises
     ------
     EndedError
-        It was cancelled.
+        The computation was cancelled.
     TorquebenchError
         The function's error.
     BenchError
@@ -87,14 +87,14 @@ class _Sent(NoProgress):
         self._pipe = pipe
 
     def reach(self, done: int, detail: str = "") -> None:
-        """Send it."""
+        """Send the number of finished steps."""
         self._pipe.send(("progress", (done, detail)))
 
 
 def _work(pipe: Connection, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
     end_with_parent()
     if hasattr(os, "setpriority"):
-        os.setpriority(os.PRIO_PROCESS, 0, NICE)  # inherited from the bench's process
+        os.setpriority(os.PRIO_PROCESS, 0, NICE)  # the bench's priority is inherited
     try:
         found = function(*arguments, _Sent(pipe))
         pipe.send(("done", found))

@@ -1,4 +1,4 @@
-"""The panel's web server: pages and HTTP API on one port, with one open bench behind them."""
+"""The panel's web server: pages and HTTP API for one open bench, on one port."""
 
 from __future__ import annotations
 
@@ -35,17 +35,18 @@ __all__ = ["create_app", "listen", "serve", "serve_application", "storage_secret
 SECRET_FILE = "panel-secret"
 GRACE_S = 3
 MISSED_S = 10.0
-"""A connection without an answer for about this long is lost, s; a busy computer answers later."""
+"""Time without an answer after which a connection counts as lost, s; a busy computer answers
+late."""
 RESTING_S = 30
-"""How long a connection is kept for a further request, s: longer than by clients."""
+"""For how long an idle connection is kept, s; longer than clients keep it."""
 
 
 class _NothingToSearch:
-    """Replaces `gc` for NiceGUI, which at its start searches all objects for its server.
+    """Replaces `gc` in NiceGUI, which at its start searches all objects for its server.
 
-    The result isn't needed here. But a tuple that another thread is just building must not be
-    looked at: CPython 3.11 then ends that thread's work with a SystemError, and acquisition, the
-    supervisor and the live hub are at work by then.
+    The search isn't needed here, but it would touch tuples that other threads are just building,
+    which makes CPython 3.11 raise a SystemError in those threads, such as acquisition and
+    supervisor.
     """
 
     @staticmethod
@@ -55,12 +56,12 @@ class _NothingToSearch:
 
 
 def storage_secret(data_dir: Path) -> str:
-    """Return the data directory's own secret for signing cookies, made on first use (mode 0600).
+    """Return the data directory's secret for signing cookies; create it on first use (mode 0600).
 
     Raises
     ------
     InputError
-        The file is readable by others, or too short to be a secret.
+        The file is readable by other users, or too short.
     """
     path = data_dir / SECRET_FILE
     if not path.exists():
@@ -96,12 +97,12 @@ def create_app(service: BenchService, address: Address) -> ASGIApp:
 def serve(
     service: BenchService, address: Address, on_ready: Callable[[str], None] = lambda _url: None
 ) -> None:
-    """Serve until Ctrl-C or a request to terminate.
+    """Serve the panel until Ctrl-C or a request to terminate.
 
     Parameters
     ----------
     service : BenchService
-        Stays open.
+        Service, which stays open.
     address : Address
     on_ready : callable
         Called with the URL once connections are accepted.
@@ -122,7 +123,7 @@ def serve(
             address,
             http=PatientProtocol,
             ws_max_size=LARGEST_BODY,
-            ws_per_message_deflate=False,  # it costs the front loop more than everything else
+            ws_per_message_deflate=False,  # too expensive for the front loop
             timeout_keep_alive=RESTING_S,
             timeout_graceful_shutdown=GRACE_S,
         )
@@ -134,7 +135,7 @@ def serve(
 def serve_application(
     app: ASGIApp, address: Address, on_ready: Callable[[str], None] = lambda _url: None
 ) -> None:
-    """Serve pages without a bench, behind the panel's checks of hosts and headers, until Ctrl-C.
+    """Serve an application without a bench, with the panel's checks of requests, until Ctrl-C.
 
     Raises
     ------
@@ -148,20 +149,20 @@ def serve_application(
 
 
 class _Server(uvicorn.Server):
-    """A server that shuts down in order: the bench is unloaded first, then connections close."""
+    """A server that unloads the bench first when it shuts down, and then closes connections."""
 
     def __init__(self, config: uvicorn.Config, on_exit: Callable[[], None]) -> None:
         super().__init__(config)
         self._on_exit = on_exit
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Begin the shutdown: the bench first; open connections get a few seconds."""
+        """Begin the shutdown with the bench; open connections get a few seconds."""
         self._on_exit()
         super().handle_exit(sig, frame)
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """End serving at Ctrl-C, at a request to terminate and when the terminal is closed."""
+        """Shut down at Ctrl-C, at a request to terminate and when the terminal is closed."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return
@@ -169,7 +170,7 @@ class _Server(uvicorn.Server):
         wanted += [signal.SIGHUP] if hasattr(signal, "SIGHUP") else []
         for number in wanted:
             signal.signal(number, self.handle_exit)
-        yield  # handlers stay installed: a second signal must not cut the unloading short
+        yield  # the handlers stay, or a second signal would interrupt the unloading
 
 
 def uvicorn_config(app: ASGIApp, address: Address, **options: Any) -> uvicorn.Config:
@@ -178,7 +179,7 @@ def uvicorn_config(app: ASGIApp, address: Address, **options: Any) -> uvicorn.Co
         app,
         log_level="warning",
         access_log=False,
-        proxy_headers=bool(address.proxy),  # no other sender may state its own address
+        proxy_headers=bool(address.proxy),  # only the proxy may state a client's address
         forwarded_allow_ips=address.proxy or "",
         server_header=False,
         ssl_certfile=None if address.tls_cert is None else str(address.tls_cert),

@@ -1,4 +1,4 @@
-"""The stop, handled with priority on the server's front loop, by threads of its own."""
+"""Handling of a stop with priority, on the server's front loop and separate threads."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ API_STOP = f"{API_PATH}/stop"
 
 
 class StopFirst:
-    """ASGI middleware: answers a stop itself and passes everything else on.
+    """ASGI middleware that handles stops and passes other requests to the application.
 
     Parameters
     ----------
     app : ASGIApp
-        Everything else.
+        Application for other requests.
     service : BenchService
     """
 
@@ -41,17 +41,17 @@ class StopFirst:
         add_handlers(self._stop)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Stop, or pass on."""
+        """Handle a stop, or pass the request on."""
         stops = scope["type"] == "http" and scope["method"] == "POST"
         found = stops and scope["path"] in (PAGE_STOP, API_STOP)
         await (self._stop if found else self._app)(scope, receive, send)
 
 
 async def _stop_of_a_page(request: Request) -> Response:
-    """Stop the bench for anyone who sees the page: a stop needs no permission.
+    """Stop the bench for anyone who sees the page, without permission.
 
-    The header prevents requests from other sites: a browser asks before it sends one to another
-    origin.
+    The required header prevents requests from other sites, for which a browser asks permission
+    first.
     """
     if request.headers.get("x-torquebench") != "panel":
         return JSONResponse({"stopped": False}, status_code=403)

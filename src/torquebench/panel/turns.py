@@ -1,4 +1,4 @@
-"""Limits the rate of requests without a valid session or token, fairly between addresses."""
+"""Limit the rate of requests without a valid session or token, fairly between addresses."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from torquebench.panel.service import BenchService, NotSignedInError
 __all__ = ["Turns"]
 
 A_SECOND = 50.0
-"""Sustained rate of requests without a session, of all addresses together."""
+"""Sustained rate of requests without a session from all addresses together, 1/s."""
 AT_ONCE = 150.0
-"""Requests that pass without waiting after a quiet time."""
+"""Number of requests that pass without waiting after a quiet time."""
 MOST_WAITING = 100
-"""Waiting requests of one address; further ones are refused."""
+"""Largest number of waiting requests of one address; further ones are refused."""
 MOST_WAITING_OF_ALL = 1000
 
 
 class Turns:
-    """ASGI middleware: requests without a session wait for their turn, one address after another.
+    """ASGI middleware in which requests without a session wait, with a turn per address.
 
     Requests with a valid session or token pass at once. A stop bypasses this.
 
@@ -44,7 +44,7 @@ class Turns:
         self._giving: asyncio.Task[None] | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, once it is its turn."""
+        """Pass a request on when it is its turn."""
         if scope["type"] == "http" and not self._knows(scope):
             client = scope.get("client")
             if not await self._turn(client[0] if client else ""):
@@ -71,7 +71,7 @@ class Turns:
         return True
 
     async def _turn(self, address: str) -> bool:
-        """Wait for a turn; return whether there is one."""
+        """Wait for a turn; return False if too many requests are waiting."""
         if not self._waiting and self._take():
             return True
         turns = self._waiting.get(address, deque())
@@ -97,7 +97,7 @@ class Turns:
         return True
 
     async def _give(self) -> None:
-        """Give turns while requests wait; an address that had one goes to the end of the queue."""
+        """Give turns to waiting requests; an address that had a turn goes to the queue's end."""
         while self._waiting:
             if not self._take():
                 await asyncio.sleep(1.0 / A_SECOND)

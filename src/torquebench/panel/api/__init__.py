@@ -1,4 +1,4 @@
-"""The HTTP API of the panel, under /api/v1: the same operations as the pages, for programs.
+"""The panel's HTTP API under /api/v1, which offers the pages' operations to programs.
 
 `create_api(service)` returns the application; its OpenAPI description is at
 ``/api/v1/openapi.json``.

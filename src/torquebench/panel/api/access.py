@@ -1,4 +1,4 @@
-"""The caller of an operation: a client by its token, or a person by a session's token.
+"""Identify the caller of an operation by token: a client, or a person with a session.
 
 Tokens are looked up in memory, so these dependencies need no thread.
 """
@@ -48,18 +48,18 @@ def caller_of(service: BenchService, token: str, *, touch: bool = True) -> Actor
     Raises
     ------
     NotSignedInError
-        It is unknown, revoked or expired.
+        The token is unknown, revoked or expired.
     """
     return service.clients.find(token) or service.people.actor(token, touch=touch)
 
 
 def address_of(request: Request) -> str:
-    """Return the address that a request comes from."""
+    """Return the address of a request's sender."""
     return request.client.host if request.client else "unknown"
 
 
 async def known_query(connection: HTTPConnection) -> None:
-    """Refuse query parameters that an operation doesn't have: most are typing mistakes."""
+    """Refuse unknown query parameters, most of which are typing mistakes."""
     route = connection.scope.get("route")
     if not isinstance(route, APIRoute):
         return

@@ -39,7 +39,7 @@ def create_api(service: BenchService) -> FastAPI:
         title="torquebench",
         version=torquebench.__version__,
         description=DESCRIPTION,
-        docs_url=None,  # their pages load files from a content delivery network
+        docs_url=None,  # these pages would load files from a content delivery network
         redoc_url=None,
         openapi_url="/openapi.json",
         responses=PROBLEMS,

@@ -1,4 +1,4 @@
-"""Operations on the live bench: readings, command lease, stop, alarms."""
+"""Routes of the live bench: readings, command lease, stop, alarms."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ SignalNames = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class BenchView(BenchSummary):
-    """The bench right now; readings are in `signals`."""
+    """The present state of the bench; readings are in `signals`."""
 
     sides: list[SideSummary]
     signals: list[SignalValue]
@@ -78,7 +78,7 @@ def _signals(service: BenchService) -> list[SignalValue]:
 
 @router.get("/bench")
 def bench(service: Watched) -> BenchView:
-    """Return the bench right now: connection, both sides, every signal's newest number."""
+    """Return the bench's present state: connection, both sides, every signal's newest value."""
     snapshot = service.snapshot()
     shared = {field.name: getattr(snapshot, field.name) for field in fields(BenchSummary)}
     sides = list[SideSummary](snapshot.sides.values())
@@ -90,7 +90,7 @@ def _lists(columns: Any) -> dict[str, list[float | None]]:
 
 
 def finite_list(values: NDArray[np.float64]) -> list[float | None]:
-    """Return numbers as JSON has them: null if there is none."""
+    """Return numbers for JSON, with null for missing ones."""
     numbers: list[float | None] = values.tolist()
     if not np.isfinite(values).all():
         return [value if value is not None and math.isfinite(value) else None for value in numbers]
@@ -98,7 +98,7 @@ def finite_list(values: NDArray[np.float64]) -> list[float | None]:
 
 
 def live_document(trend: LiveTrend) -> dict[str, Any]:
-    """Return the content of `LiveRows` for fast senders: null if there is no number."""
+    """Return the content of `LiveRows` as a dict for fast sending, with null for NaN."""
     return {
         "sequence": trend.sequence,
         "missed": trend.missed,
@@ -115,7 +115,7 @@ def live(
     since: Annotated[int, Query(ge=0, le=2**53)] = 0,
     signals: SignalNames = None,
 ) -> LiveRows:
-    """Return the rows of live signals that are new since a sequence number."""
+    """Return the rows of live signals after a sequence number."""
     return LiveRows(**live_document(service.live.since(since, signals)))
 
 
@@ -126,7 +126,7 @@ def trend(
     points: Annotated[int, Query(ge=1, le=5000)] = 600,
     signals: SignalNames = None,
 ) -> LiveRows:
-    """Return the last seconds of live signals, reduced so that no extreme is lost."""
+    """Return the last seconds of live signals, reduced without losing extremes."""
     return LiveRows(**live_document(service.live.trend(seconds, signals, points)))
 
 
@@ -141,7 +141,7 @@ def who_commands(service: Watched) -> LeaseState:
 
 @router.post("/command")
 def take_command(service: Service, caller: Caller, body: LeaseBody) -> LeaseState:
-    """Command the bench from now on."""
+    """Take the command lease."""
     service.lease.take(caller, force=body.force)
     return service.lease.state()
 
@@ -159,7 +159,7 @@ def give_command_back(service: Service, caller: Caller) -> None:
 async def stop(service: Service, caller: Caller, body: StopBody) -> StopReport:
     """Bring the bench to its safe state at once; needs no command lease.
 
-    This is no emergency stop in the sense of machine safety: that one is a red button.
+    This isn't an emergency stop in the sense of machine safety, which needs a hardware button.
     """
     return await asyncio.wrap_future(service.stop_aside(caller, body.reason))
 
@@ -173,7 +173,7 @@ def confirm_presence(service: Service, caller: Caller) -> None:
 @router.get("/alarms")
 def alarms(
     service: Watched,
-    active: Annotated[bool, Query(description="Only those that still concern it.")] = False,
+    active: Annotated[bool, Query(description="Only active ones.")] = False,
 ) -> list[AlarmView]:
     """Return alarms and warnings since the bench was opened, the newest first."""
     return service.alarms(active=active)
@@ -183,9 +183,9 @@ def alarms(
 def acknowledge(
     service: Service, caller: Caller, body: AcknowledgeBody = ALL_ALARMS
 ) -> AlarmView | None:
-    """Clear the latched alarm by name, once its cause is gone; null if there was none.
+    """Acknowledge the latched alarm after its cause is removed; null if there was none.
 
-    With the identifiers of the checked alarms, a later one stays.
+    If identifiers are given, alarms raised later stay active.
     """
     return service.acknowledge(caller, body.alarm_ids)
 
@@ -201,7 +201,7 @@ def effects(service: Watched, side: Side) -> list[EffectState]:
 
 @router.post("/sides/{side}/switches", status_code=204)
 def switch_off(service: Service, caller: Caller, side: Side, body: SwitchBody) -> None:
-    """Switch off corrections of a side until the bench is closed; U then contains them."""
+    """Switch off corrections of a side until the bench is closed; U then contains their effects."""
     service.switch_off(caller, side, body.off, body.reason)
     service.wait_for_live()
 

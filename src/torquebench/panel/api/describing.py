@@ -34,7 +34,7 @@ ROLES: dict[str, Role] = {
     "undo": "metrologist",
     **{each.key.replace("-", "_"): each.role for each in OPERATIONS.values()},
 }
-"""Minimum role of an operation; everyone signed in may call the others."""
+"""Minimum role of some operations; the others are open to every signed-in caller."""
 WORDS = {
     "active": "Whether it is in use.",
     "allowed": "What would have been allowed, with its limit and unit.",
@@ -43,19 +43,19 @@ WORDS = {
     "calibration_id": "Number of a registered calibration.",
     "certificate": "Number of a certificate.",
     "content": "CSV text with a header line.",
-    "counter_identity": "Which counter timed the chain.",
+    "counter_identity": "Identity of the counter that measured the chain's frequency.",
     "created": "When, UTC.",
-    "detail": "What was found and is allowed, or what isn't measured.",
+    "detail": "Value found and value allowed, or the quantity that wasn't measured.",
     "due": "Last day of its validity.",
-    "finished": "When it ended, UTC; null while it is open.",
+    "finished": "When it ended, UTC; null before its end.",
     "found": "What was found, with its value and unit.",
     "high": "Highest value within each row, by signal.",
     "job_id": "Identifier of a job.",
-    "kind": "Which kind, for programs.",
+    "kind": "Kind, for programs.",
     "languages": "Of the certificate.",
     "low": "Lowest value within each row, by signal.",
     "measured_by": "Who measured it.",
-    "doubts": "What makes it doubtful: an expired standard, a wrong clock, impossible times.",
+    "doubts": "Reasons for doubt: an expired standard, a wrong clock, impossible times.",
     "metrics": "Quality of the fit, stored when it was fitted.",
     "model_id": "Number of a registered model.",
     "model_ids": "Numbers of the models by their names.",
@@ -65,7 +65,9 @@ WORDS = {
     "performed": "When it was measured.",
     "points": "How many points.",
     "profile": "Name of a calibration profile.",
-    "quick": "Fewer points: a first impression, no verdict for a data sheet.",
+    "quick": (
+        "Whether it has fewer points, for a first impression without verdicts against a data sheet."
+    ),
     "reason": "Reason, as text; it is stored.",
     "reducer": "Name of a reducer's description.",
     "remark": "As text; it is stored.",
@@ -85,14 +87,14 @@ WORDS = {
     "started": "When, UTC.",
     "started_by": "Who started it.",
     "summary": "Its main figures.",
-    "title": "In words, for people.",
+    "title": "Title as text.",
     "token": "A secret, shown only once.",
     "transducer_serial": "Serial number of the transducer.",
     "unit": "Of its values.",
     "unlock": "Ends the pause after wrong passwords.",
     "version": "Version of the edited document; refused if it was changed in the meantime.",
 }
-"""General meanings of names, where no docstring is more specific."""
+"""Meanings of field names without a more specific docstring."""
 COLUMNS = (
     "branch",
     "error_nm",
@@ -104,7 +106,7 @@ COLUMNS = (
     "time_s",
     "zero_nm",
 )
-"""Names that mean a column of a table wherever the API has them."""
+"""Field names that always mean a column of a table."""
 
 WITH_PASSWORD = frozenset(
     {
@@ -186,14 +188,14 @@ def describe(api: FastAPI) -> dict[str, Any]:
 
 
 def name_choices(described: dict[str, Any], settings: SettingsStore) -> None:
-    """Write into a description which profiles and reducers there are now, those added here too."""
+    """Add the names of the present profiles and reducers to a description."""
     schemas = described["components"]["schemas"]
     for each in OPERATIONS.values():
         for parameter in parameters(each.request):
             schema = schemas.get(each.request.__name__)
             if parameter.names not in ("", "models") and schema is not None:
                 field = schema["properties"][parameter.name]
-                text = field.get("anyOf", [field])[0]  # or null
+                text = field.get("anyOf", [field])[0]  # the alternative is null
                 text["enum"] = list(settings.names(parameter.names))
     for name in ("TableRequest", "EnterTableRequest"):
         schemas[name]["properties"]["profile"]["enum"] = list(settings.names("profiles:steps"))

@@ -1,7 +1,7 @@
 """Server-sent events: jobs, their points, questions to the operator, alarms.
 
-Listeners don't poll. Each event is the whole value of `GET /jobs/ID`, `/prompt` or `/alarms`, so a
-missed event does no harm.
+Listeners needn't poll. Each event contains the whole value of `GET /jobs/ID`, `/prompt` or
+`/alarms`, so a missed event doesn't matter.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ __all__ = ["router", "until_left"]
 router = APIRouter(tags=["jobs"])
 
 POLL_INTERVAL_S = 0.05
-"""Interval at which the bench is checked for a listener, s."""
+"""Interval at which the bench's state is checked for changes, s."""
 ALIVE_S = 15.0
 """Interval of keep-alive messages to a listener without events, s."""
 SLOWEST_S = 20.0
-"""Timeout of a listener that accepts no data, s."""
+"""Timeout for sending to a listener, s."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ _ALARM: TypeAdapter[AlarmView] = TypeAdapter(AlarmView)
 
 
 class EventStream(Response):
-    """A streaming answer that lasts until the events end or the listener disconnects."""
+    """A streaming response until the events end or the listener disconnects."""
 
     media_type = "text/event-stream"
 
@@ -76,7 +76,7 @@ class EventStream(Response):
                 body = {"type": "http.response.body", "body": event.encode(), "more_body": True}
                 await asyncio.wait_for(send(body), SLOWEST_S)
             await asyncio.wait_for(send({"type": "http.response.body", "body": b""}), SLOWEST_S)
-        except TimeoutError:  # the listener accepts nothing: the server closes the open response
+        except TimeoutError:  # the listener doesn't read: the server closes the response
             return
         finally:
             left.cancel()
@@ -107,12 +107,15 @@ async def events(
     token: Token,
     job_id: Annotated[
         str | None,
-        Query(pattern=r"^[0-9a-f]{12}$", description="Of this job only; ends with it."),
+        Query(
+            pattern=r"^[0-9a-f]{12}$",
+            description=("Only events of this job; the stream ends with it."),
+        ),
     ] = None,
 ) -> EventStream:
-    """Send events from now on: `job`, `points` of jobs, `prompt` and `alarm`.
+    """Stream new events: `job`, `points` of jobs, `prompt` and `alarm`.
 
-    The stream ends with the job that it was requested, with the token, and with the server.
+    The stream ends with the requested job, when the token becomes invalid, and with the server.
     """
     del caller  # every signed-in caller may listen
     if job_id is not None:
@@ -141,7 +144,7 @@ async def _events(service: BenchService, token: str, job_id: str | None) -> Asyn
 
 
 class _Listener:
-    """One listener: what it has received, and the new events for it."""
+    """The state of one listener, from which its new events follow."""
 
     def __init__(self, service: BenchService, job_id: str | None) -> None:
         self._service, self._job_id = service, job_id
@@ -154,7 +157,7 @@ class _Listener:
 
     @property
     def over(self) -> bool:
-        """Whether the one job that it listens to has ended."""
+        """Whether the job of interest has ended."""
         return self._job_id is not None and not self._service.jobs.get(self._job_id).open
 
     def news(self) -> str:
@@ -185,7 +188,7 @@ class _Listener:
         if entries == self._seen:
             return
         self._seen = entries
-        for view in reversed(self._service.alarms()):  # also one that has disconnected since
+        for view in reversed(self._service.alarms()):  # including one that has ended since
             if self._alarms.get(view.alarm_id) != view:
                 self._alarms[view.alarm_id] = view
                 yield _event("alarm", _ALARM, view)

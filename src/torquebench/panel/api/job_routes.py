@@ -59,25 +59,25 @@ def points(
 
 @router.post("/jobs/{job_id}/pause")
 def pause_job(service: Service, caller: Caller, job_id: JobId) -> JobView:
-    """Hold a job at its next point, without torque."""
+    """Pause a job at its next point, with zero torque."""
     return service.jobs.pause(caller, job_id)
 
 
 @router.post("/jobs/{job_id}/resume")
 def resume_job(service: Service, caller: Caller, job_id: JobId) -> JobView:
-    """Let a paused job go on."""
+    """Resume a paused job."""
     return service.jobs.resume(caller, job_id)
 
 
 @router.post("/jobs/{job_id}/finish")
 def finish_job(service: Service, caller: Caller, job_id: JobId) -> JobView:
-    """End a job that continues until then, such as a recording, with its result."""
+    """Finish a job without a fixed end, such as a recording, and return its result."""
     return service.jobs.finish(caller, job_id)
 
 
 @router.post("/jobs/{job_id}/abort")
 def abort_job(service: Service, caller: Caller, job_id: JobId, body: AbortBody) -> JobView:
-    """End a job with zero torque."""
+    """Abort a job with zero torque."""
     return service.jobs.abort(caller, job_id, body.reason)
 
 
@@ -105,7 +105,7 @@ Number = Annotated[int, Path(ge=1, le=2**53)]
 
 @router.get("/queue")
 def queue(service: Watched) -> QueueView:
-    """Return the operations that wait for each other, and those that did."""
+    """Return the queue of operations and its history."""
     return service.queue.view()
 
 
@@ -117,25 +117,25 @@ def add_to_queue(service: Service, caller: Caller, body: QueuedRequest) -> Queue
 
 @router.delete("/queue/{number:int}", status_code=204)
 def remove_from_queue(service: Service, caller: Caller, number: Number) -> None:
-    """Take a waiting operation out of the queue."""
+    """Remove a waiting operation from the queue."""
     service.queue.remove(caller, number)
 
 
 @router.post("/queue/{number:int}/move", status_code=204)
 def move_in_queue(service: Service, caller: Caller, number: Number, body: QueuePlaceBody) -> None:
-    """Move a waiting operation to another place among those that wait."""
+    """Move a waiting operation to another place in the queue."""
     service.queue.move(caller, number, body.place)
 
 
 @router.post("/queue/start")
 def start_queue(service: Service, caller: Caller, body: QueueStartBody) -> QueueView:
-    """Let the waiting operations begin, one after the other, until one fails."""
+    """Start the waiting operations one after the other, until one fails."""
     return service.queue.start(caller, bench_clear=body.bench_clear, keep_going=body.keep_going)
 
 
 @router.post("/queue/pause")
 def pause_queue(service: Service, caller: Caller) -> QueueView:
-    """Let no further operation of the queue begin; the one under way goes on."""
+    """Pause the queue; the running operation continues."""
     return service.queue.pause(caller)
 
 
@@ -143,14 +143,14 @@ def pause_queue(service: Service, caller: Caller) -> QueueView:
 
 
 class OperationView(BaseModel):
-    """An operation: what it is and who may have it done; its route has its parameters."""
+    """An operation with its title and minimum role; its route describes the parameters."""
 
     key: str
     summary: str
     role: Role
     moves: bool
-    quick: bool = Field(description="Whether its result is the answer: it is no job.")
-    signed: bool = Field(description="Whether it is signed with the password.")
+    quick: bool = Field(description="Whether the response is its result; otherwise it is a job.")
+    signed: bool = Field(description="Whether it must be signed with the password.")
 
 
 @router.get("/operations", tags=["operations"])
@@ -170,7 +170,7 @@ def operations(_service: Watched) -> list[OperationView]:
 
 
 def _body(operation: Operation) -> type[Request]:
-    """Return the body of an operation's request: its fields, confirmation and signature."""
+    """Return the model of an operation's request body: its fields, confirmation and password."""
     added: dict[str, Any] = {}
     if operation.loads:
         added["bench_clear"] = (Flag, False)
@@ -194,7 +194,7 @@ def _body(operation: Operation) -> type[Request]:
 
 
 def _parts(operation: Operation, body: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the fields of the request, and those beside it."""
+    """Split a body into the request's fields, and confirmation and password."""
     values = {name: getattr(body, name) for name in body.model_fields_set}
     beside = {name: values.pop(name) for name in ("bench_clear", "password") if name in values}
     return {name: values[name] for name in operation.request.model_fields if name in values}, beside
@@ -213,7 +213,7 @@ def _performer(operation: Operation, body_type: type[Request]) -> Callable[..., 
     def perform(service: Service, caller: Caller, body: Any) -> Any:
         request, beside = _parts(operation, body)
         result = service.perform(caller, operation.name, request, **beside)
-        if operation.activates:  # the newest numbers are by the other model when the answer comes
+        if operation.activates:  # wait until the live values use the new model
             service.wait_for_live()
         return result.plain()
 

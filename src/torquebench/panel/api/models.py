@@ -1,4 +1,4 @@
-"""Request bodies, and answers that aren't values of the service."""
+"""Request bodies, and responses that aren't values of the service."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class SignInBody(Body):
 
 
 class SetUpBody(Body):
-    """The first administrator, and the code on the server's console."""
+    """Name and password of the first administrator, and the code on the server's console."""
 
     name: Name
     password: NewSecret
@@ -78,7 +78,7 @@ class WhoAmI(BaseModel):
 
 
 class PasswordBody(Body):
-    """A change of one's own password."""
+    """The old and the new password of a person."""
 
     old: Secret
     new: NewSecret
@@ -87,7 +87,10 @@ class PasswordBody(Body):
 class LeaseBody(Body):
     """How to take the command lease."""
 
-    force: Flag = Field(default=False, description="Take it over; for metrologists and above.")
+    force: Flag = Field(
+        default=False,
+        description=("Take the lease over from its holder; for metrologists and above."),
+    )
 
 
 class QueuePlaceBody(Body):
@@ -97,22 +100,22 @@ class QueuePlaceBody(Body):
 
 
 class QueueStartBody(Body):
-    """How the queue goes on."""
+    """Options for starting the queue."""
 
     bench_clear: Flag = False
     keep_going: Annotated[
-        Flag, Field(description="Whether it goes on after a check that failed.")
+        Flag, Field(description="Whether the queue continues after a failed check.")
     ] = False
 
 
 class StopBody(Body):
-    """Why the bench is stopped."""
+    """Reason of a stop."""
 
     reason: Annotated[str, Field(max_length=200)] = ""
 
 
 class ReasonBody(Body):
-    """Why something is done."""
+    """Reason of an action."""
 
     reason: Text = ""
 
@@ -133,11 +136,11 @@ class SwitchBody(ReasonBody):
 
 
 class AbortBody(ReasonBody):
-    """Why a job is ended."""
+    """Reason for aborting a job."""
 
 
 class AnswerBody(Body):
-    """Whether the person at the bench has fulfilled the request."""
+    """Whether the person at the bench has done what the question requests."""
 
     done: Flag
 
@@ -186,7 +189,7 @@ class MadeClient(BaseModel):
 
 
 class SignalValue(BaseModel):
-    """The newest number of a signal: null before the first, with its age in s."""
+    """The newest value of a signal, null before the first, and its age in s."""
 
     name: str
     title: str
@@ -198,7 +201,7 @@ class SignalValue(BaseModel):
 
 
 class LiveRows(BaseModel):
-    """Rows of live signals: means, and lowest and highest within each row; null: no number."""
+    """Rows of live signals: mean, lowest and highest value within each row; null if missing."""
 
     sequence: int = Field(description="Use this number for `since` in the next request.")
     missed: int = Field(description="Rows that are no longer stored.")

@@ -1,4 +1,4 @@
-"""Operations on people: sign in, accounts, clients, and the log of actions."""
+"""Routes for people: sign-in, accounts, clients, and the log of actions."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ UserName = Annotated[str, Path(min_length=1, max_length=128)]
 
 @router.post("/setup")
 def set_up(service: Service, request: Request, body: SetUpBody) -> OpenedSession:
-    """Make the first administrator by the code on the server's console, and open a session."""
+    """Create the first administrator with the code on the server's console, and open a session."""
     token = service.people.set_up(body.code, body.name, body.password, address_of(request))
     return OpenedSession(token=token)
 
 
 @router.post("/session")
 def sign_in(service: Service, request: Request, body: SignInBody) -> OpenedSession:
-    """Open a session of a person; wrong passwords lock out for a while."""
+    """Open a session of a person; too many wrong passwords cause a pause."""
     return OpenedSession(
         token=service.people.sign_in(body.name, body.password, address_of(request))
     )
@@ -65,7 +65,7 @@ def sign_out(service: Service, caller: Caller, token: Token) -> None:
 
 @router.put("/password", status_code=204)
 def change_password(service: Service, caller: Caller, request: Request, body: PasswordBody) -> None:
-    """Change one's own password; the person's other sessions end."""
+    """Change the caller's password; the person's other sessions end."""
     service.people.change_password(caller, body.old, body.new, address_of(request))
 
 
@@ -97,19 +97,19 @@ def change_user(service: Service, caller: Caller, name: UserName, body: UserChan
 
 @router.get("/people")
 def people(service: Watched) -> list[str]:
-    """Return the names of the laboratory's people, one of whom has measured what is entered."""
+    """Return the names of the laboratory's people, from whom the measuring person is chosen."""
     return list(service.laboratory_people())
 
 
 @router.get("/clients")
 def clients(service: Service, caller: Caller) -> list[Client]:
-    """Return all clients, revoked ones too; for administrators."""
+    """Return all clients, including revoked ones; for administrators."""
     return service.clients.list(caller)
 
 
 @router.post("/clients", status_code=201)
 def add_client(service: Service, caller: Caller, body: ClientBody) -> MadeClient:
-    """Make a token for a program; it is shown this once."""
+    """Create a token for a program; it is returned only once."""
     client, token = service.clients.add(caller, body.name, body.role)
     return MadeClient(client=client, token=token)
 
@@ -118,7 +118,7 @@ def add_client(service: Service, caller: Caller, body: ClientBody) -> MadeClient
 def revoke_client(
     service: Service, caller: Caller, client_id: Annotated[int, Path(ge=1, le=2**53)]
 ) -> Client:
-    """Let a token count no longer; for administrators."""
+    """Revoke a token; for administrators."""
     return service.clients.revoke(caller, client_id)
 
 

@@ -49,7 +49,7 @@ _STATUS: tuple[tuple[type[TorquebenchError], int, str], ...] = (
     (NotFoundError, 404, "Not found"),
     (LeaseError, 409, "Another session commands"),
     (BusyError, 409, "Busy"),
-    (InterlockError, 409, "The bench's state forbids it"),
+    (InterlockError, 409, "The bench's state doesn't allow it"),
     (LimitError, 422, "Beyond a limit"),
     (NameTakenError, 409, "Taken"),
     (InputError, 422, "Unusable input"),
@@ -82,12 +82,15 @@ PROBLEMS: dict[int | str, dict[str, Any]] = {
     400: _described("The request can't be read."),
     401: _described("No valid token."),
     403: _described("The role doesn't allow it."),
-    404: _described("There is nothing with this identifier."),
-    409: _described("The bench's or the records' state forbids it, or another session commands."),
+    404: _described("Nothing has this identifier."),
+    409: _described(
+        "The state of the bench or records doesn't allow it, or another session has the "
+        "command lease."
+    ),
     413: _described("The body is too large."),
-    422: _described("A value is wrong or beyond a limit."),
+    422: _described("A value is invalid or beyond a limit."),
     429: _described("Too many wrong passwords; Retry-After says how long to wait."),
-    503: _described("The bench doesn't deliver."),
+    503: _described("The bench doesn't respond."),
 }
 """Error answers that every operation may return."""
 
@@ -171,7 +174,7 @@ def _http(request: Request, error: Exception) -> Response:
 
 
 def _methods(request: Request) -> list[str]:
-    """Return all methods of a path: the router itself names those of its first route only."""
+    """Return all methods of a path; the router itself lists only those of the first route."""
     path = request.scope["path"].removeprefix(request.scope.get("root_path", ""))
     routes = [each for each in request.app.routes if isinstance(each, Route)]
     found = [each for each in routes if each.path_regex.match(path)]
@@ -181,14 +184,14 @@ def _methods(request: Request) -> list[str]:
 
 
 def _unforeseen(_request: Request, error: Exception) -> Response:
-    """Answer with an internal error; its details appear on the server's console only."""
+    """Respond with an internal error; its details are printed on the server's console only."""
     return problem_response(
         500, "Unforeseen", type(error).__name__, remedy="report it with the server's output"
     )
 
 
 def add_handlers(app: FastAPI) -> None:
-    """Have every error answered as problem details."""
+    """Add handlers that return every error as problem details."""
     app.add_exception_handler(TorquebenchError, _refused)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _http)

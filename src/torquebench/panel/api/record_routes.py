@@ -1,4 +1,4 @@
-"""Operations on records and settings: identifiers in, values out."""
+"""Routes of records and settings, which are addressed by identifiers."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def run_trend(
     columns: Annotated[list[Annotated[str, Query(max_length=64)]], Query(max_length=16)],
     points: Annotated[int, Query(ge=1, le=5000)] = 1000,
 ) -> TrendOfRun:
-    """Return raw samples of a run, reduced so that no extreme is lost."""
+    """Return raw samples of a run, reduced without losing extremes."""
     rows = service.records.run_trend(run_id, columns, points)
     return TrendOfRun(
         time_s=rows.time_s.tolist(),
@@ -164,7 +164,7 @@ def _file(
 
 @router.get("/runs/{run_id}/report", **_sends("The report as PDF.", "application/pdf"))
 def run_report(service: Watched, run_id: RunId) -> Response:
-    """Return the report of a reducer test, by the run that its details name."""
+    """Return the report of a reducer test by its first run."""
     content = service.records.report_file(run_id)
     return Response(content, media_type="application/pdf", headers=_attached(f"{run_id}.pdf"))
 
@@ -196,19 +196,19 @@ def errors(
     calibration_id: Number,
     model_id: Annotated[int | None, Query(ge=1, le=2**53)] = None,
 ) -> ErrorCurve:
-    """Return the error of a chain over torque, raw and after a model."""
+    """Return the error of a chain over torque, raw and compensated by a model."""
     return service.records.error_curve(calibration_id, model_id)
 
 
 @router.get("/models")
 def models(service: Watched, transducer: Serial = None) -> list[ModelEntry]:
-    """Return models, and which of them are in use."""
+    """Return models; the attribute `active` says which are in use."""
     return service.records.models(transducer)
 
 
 @router.get("/models/{model_id}/file", **_sends("The file of the model.", "application/json"))
 def model_file(service: Watched, model_id: Number) -> Response:
-    """Return the file of a model, checked by its registered hash: `torquebench apply` takes it."""
+    """Return a model's file for `torquebench apply`, checked by its registered hash."""
     content, name = service.records.model_file(model_id)
     return Response(content, media_type="application/json", headers=_attached(name))
 
@@ -294,7 +294,7 @@ def change(
 def delete(
     service: Service, caller: Caller, section: SectionPath, name: ItemPath
 ) -> SettingsChange:
-    """Delete a user's profile or reducer; the history keeps it."""
+    """Delete a user's profile or reducer; it stays in the history."""
     return service.settings.change(caller, section, name, None)
 
 
@@ -310,5 +310,5 @@ def history(
 
 @settings_router.post("/changes/{number}/undo")
 def undo(service: Service, caller: Caller, number: Number, body: ReasonBody) -> SettingsChange:
-    """Take a change back, as a further change."""
+    """Undo a change, which makes another change."""
     return service.settings.undo(caller, number, body.reason)

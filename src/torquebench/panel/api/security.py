@@ -21,7 +21,7 @@ __all__ = ["LARGEST_BODY", "Guard"]
 
 LARGEST_BODY = 1024 * 1024
 BODY_S = 30.0
-"""Longest time to receive a whole body, s."""
+"""Longest time to receive a request's body, s."""
 API_POLICY = "default-src 'none'; frame-ancestors 'none'"
 OWN_POLICY = (
     "default-src 'self'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
@@ -32,21 +32,21 @@ OWN_POLICY = (
 COMPILED_POLICY = OWN_POLICY.replace(
     "script-src 'self'", "script-src 'self' 'unsafe-inline' 'unsafe-eval'"
 )
-"""NiceGUI sends its pages as inline scripts, and evaluates later messages of the server."""
+"""Policy for NiceGUI's pages, which use inline scripts and evaluate messages of the server."""
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
 class Guard:
-    """ASGI middleware: refuses foreign hosts and origins and large bodies, adds headers.
+    """ASGI middleware that refuses foreign hosts and origins and large bodies, and adds headers.
 
     Parameters
     ----------
     app : ASGIApp
     hosts : iterable of str
-        Host names of this server; `ANY_ADDRESS` stands for every numeric address, and an empty list
-        accepts every name.
+        Host names of this server; `ANY_ADDRESS` means every numeric address; empty accepts every
+        name.
     secure : bool
-        Whether connections are encrypted: browsers then get HSTS.
+        Whether connections are encrypted; responses then have HSTS.
     compiled : iterable of str
         Paths of NiceGUI's pages, with parts in braces; they don't work without inline scripts and
         `eval`.
@@ -67,11 +67,11 @@ class Guard:
         self._compiled = re.compile("|".join(paths))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, or refuse it."""
+        """Refuse a request, or pass it to the application."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        # not a valid path; some routers would read on after a line break
+        # invalid path: some routers would continue after a line break
         if not scope["path"].isprintable():
             await _refuse(scope, receive, send, 404, "Not found", "a path with control characters")
             return
@@ -95,7 +95,7 @@ class Guard:
         await self._app(scope, _limited(receive), self._with_headers(scope, send))
 
     def _foreign(self, scope: Scope, headers: Headers) -> str:
-        """Return why a request's origin isn't trusted; empty where it is."""
+        """Return why a request's host or origin isn't trusted; empty for a trusted one."""
         host = headers.get("host", "")
         if self._hosts and ("@" in host or not self._is_own(_name(f"//{host}"))):
             return Message("the host name {host!r} isn't this server's", host[:80])
@@ -126,7 +126,7 @@ class Guard:
                 headers = MutableHeaders(scope=message)
                 headers["X-Content-Type-Options"] = "nosniff"
                 headers["X-Frame-Options"] = "DENY"
-                # without it, forms have the origin "null"
+                # otherwise forms have the origin "null"
                 headers["Referrer-Policy"] = "same-origin"
                 headers["Cross-Origin-Opener-Policy"] = "same-origin"
                 headers["Cross-Origin-Resource-Policy"] = "same-origin"
@@ -149,13 +149,13 @@ def _name(url: str) -> str:
 
 
 def _limited(receive: Receive) -> Receive:
-    """Cut the connection of a body that is too long or arrives too slowly."""
+    """Disconnect a sender whose body is too long or too slow."""
     taken, whole = 0, False
     until = time.monotonic() + BODY_S
 
     async def receiving() -> ServerMessage:
         nonlocal taken, whole
-        if whole:  # the next message ends the connection
+        if whole:  # the next message can only be a disconnect
             return await receive()
         try:
             message = await asyncio.wait_for(receive(), max(0.0, until - time.monotonic()))

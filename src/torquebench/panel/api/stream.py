@@ -1,8 +1,9 @@
-"""Live data over a WebSocket: increments at the requested rate, as fast as the client reads.
+"""Stream live data over a WebSocket, at the requested rate or as fast as the client reads.
 
-The watcher sends one JSON message, `{"token": "…", "signals": […], "since": 0, "rate": 30}`; only
-the token is required. Then every message from the server is one `LiveRows`. A browser can't send
-headers with a WebSocket, and a token in an address ends up in logs: hence the first message.
+The client sends one JSON message, `{"token": "…", "signals": […], "since": 0, "rate": 30}`; only
+the token is required. Then every message from the server is a `LiveRows`. The token isn't in a
+header, because browsers can't send headers with a WebSocket, and not in the URL, which may be
+logged.
 """
 
 from __future__ import annotations
@@ -28,24 +29,26 @@ router = APIRouter()
 FIRST_MESSAGE_S = 15.0
 CLOSING_S = 1.0
 SLOWEST_S = 20.0
-"""Timeout of a client that accepts no data; at most one message waits for it."""
+"""Timeout for sending to a client, s; at most one message waits."""
 REFUSED = 1008
 
 
 class StreamRequest(BaseModel):
-    """The first message of a watcher."""
+    """The first message of a client."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     token: Annotated[str, Field(min_length=1, max_length=200)]
     signals: Annotated[list[str], Field(max_length=32)] | None = None
     since: Annotated[int, Field(ge=0, le=2**53)] = 0
-    rate: Annotated[float, Field(gt=0, le=50, description="Messages a second at most.")] = 30.0
+    rate: Annotated[
+        float, Field(gt=0, le=50, description="Largest number of messages per second.")
+    ] = 30.0
 
 
 @router.websocket("/stream")
 async def stream(websocket: WebSocket) -> None:
-    """Send increments until the client disconnects or its token is revoked."""
+    """Send new rows until the client disconnects or its token is revoked."""
     service: BenchService = websocket.app.state.service
     await websocket.accept()
     try:
@@ -55,7 +58,7 @@ async def stream(websocket: WebSocket) -> None:
         reason = error.found if isinstance(error, TorquebenchError) else "an unusable message"
         with contextlib.suppress(TimeoutError, RuntimeError, WebSocketDisconnect):
             await asyncio.wait_for(websocket.close(REFUSED, reason[:100]), CLOSING_S)
-    except (WebSocketDisconnect, RuntimeError):  # disconnected, perhaps during a send
+    except (WebSocketDisconnect, RuntimeError):  # the client disconnected, perhaps during a send
         return
 
 

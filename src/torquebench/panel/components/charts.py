@@ -15,7 +15,7 @@ from torquebench.panel.text import Text
 __all__ = ["COLOURS", "Chart", "Line", "error_bars", "error_chart", "limit_lines"]
 
 COLOURS = ("--series-2", "--series-1", "--series-3", "--series-4", "--warn", "--ink")
-"""Custom properties of the style sheet; the colours are distinguishable for colour-blind readers.
+"""Custom properties of the style sheet, with colours that colour-blind readers can distinguish.
 """
 
 
@@ -27,11 +27,12 @@ class Line:
     ----------
     title : str
     x, y : sequence of float
-        With names along the axis, x counts them from 0, or is empty: one value for each name.
+        Coordinates; with names along the axis, x is the names' index from 0, or empty for one value
+        per name.
     colour : str
         Custom property of the style sheet.
     points : bool
-        Symbols instead of a line.
+        Whether to draw symbols instead of a line.
     dashed : bool
     symbol : str
         ECharts' name of the symbol.
@@ -53,7 +54,7 @@ class Line:
 
 
 def limit_lines(title: str, low_x: float, high_x: float, low: float, high: float) -> Line:
-    """Return two horizontal limits as one dashed line that the legend names."""
+    """Return two horizontal limits as one dashed line with one legend entry."""
     gap = math.nan
     return Line(
         title,
@@ -65,7 +66,7 @@ def limit_lines(title: str, low_x: float, high_x: float, low: float, high: float
 
 
 def error_bars(title: str, values: Sequence[float], u: Sequence[float]) -> Line:
-    """Return a vertical bar about each value, with names along the axis."""
+    """Return vertical error bars of values with names along the axis."""
     x: list[float] = []
     y: list[float] = []
     for place, (value, half) in enumerate(zip(values, u, strict=True)):
@@ -136,7 +137,7 @@ def _series(line: Line, per_x: float) -> dict[str, Any]:
         },
         "labelLayout": {"hideOverlap": False, "moveOverlap": "shiftY"},
         "animation": False,
-        "clip": False,  # an axis may end slightly inside the values
+        "clip": False,  # values may be slightly outside the axis
         "lineStyle": {
             "width": 2,
             "type": "dashed" if line.dashed else "solid",
@@ -152,24 +153,24 @@ def _number(value: float) -> float | None:
 
 
 WRAPPED = 3
-"""Most names of a legend that find room in two rows on a phone."""
+"""Largest number of names in a legend that fit into two rows on a phone."""
 
 
 def _legend(lines: Sequence[Line]) -> dict[str, Any]:
-    """Return what the lines want of a legend: none for a single line, which the axis names."""
+    """Return the legend's options; a single line needs none, because the axis names it."""
     names = {line.title for line in lines}
     return {"show": len(lines) != 1, "type": "plain" if len(names) <= WRAPPED else "scroll"}
 
 
 class Chart:
-    """A chart with two axes, and a description in words beside it.
+    """A chart with two axes and a description for screen readers.
 
     Parameters
     ----------
     label : str
         Description for screen readers.
     x_title, y_title : str
-        With units.
+        Titles of the axes, with units.
     lines : sequence of Line
     names : sequence of str
         Names along the horizontal axis instead of numbers.
@@ -177,7 +178,7 @@ class Chart:
     logarithmic : str
         Logarithmic axes: "", "x", "y" or "xy"; their values are above 0.
     moments : bool
-        The horizontal axis is time: s since 1970.
+        Whether the horizontal axis is time, s since 1970.
     """
 
     def __init__(
@@ -223,7 +224,7 @@ class Chart:
                 self._tool("table_view", "table", label)
 
     def _tool(self, picture: str, kind: str, label: str) -> None:
-        """Make a button by which the browser saves the chart; `panel.js` sets the file's name."""
+        """Add a button with which the browser saves the chart; `panel.js` sets the file's name."""
         made = box("button", "control small quiet", type="button", data_chart_tool=kind)
         made.props["data-chart"] = self.element.html_id
         made.props["aria-label"] = label

@@ -1,4 +1,4 @@
-"""Buttons, fields and choices: 36 px high, 48 px for fingers, with label and error."""
+"""Buttons, fields and choices: 36 px high (48 px for touch), with labels and errors."""
 
 from __future__ import annotations
 
@@ -22,18 +22,17 @@ __all__ = [
 
 CHOSEN = "(event) => emit(event.target.value)"
 TYPED = "(event) => { element.props.value = event.target.value; emit(event.target.value); }"
-"""Also stores typed text in the page's model: otherwise the next update of the page would restore
-the previous text.
+"""Stores typed text in the page's model, too, so that an update of the page keeps it.
 """
 
 
 def typed_number(said: str) -> float:
-    """Return a number as people type it: with a point or a comma.
+    """Parse a typed number with a decimal point or comma.
 
     Raises
     ------
     ValueError
-        It is none.
+        The text isn't a number.
 
     Examples
     --------
@@ -63,7 +62,7 @@ def button(
 
 
 def file_entry(label: str, endings: str, script: str, on_file: Callable[[Any], Any]) -> None:
-    """Make an entry of a file; `script` reads the file in the browser and emits its content."""
+    """Add an input for a file; `script` reads the file in the browser and emits its content."""
     name = words("label", label)
     entry = box("input", "control", type="file", accept=endings)
     name.props["for"] = entry.html_id
@@ -71,13 +70,13 @@ def file_entry(label: str, endings: str, script: str, on_file: Callable[[Any], A
 
 
 def link_button(label: str, target: str) -> None:
-    """Make a link that looks like a button."""
+    """Add a link that looks like a button."""
     with box("a", "control", href=target):
         words("span", label)
 
 
 def set_disabled(control: Any, disabled: bool) -> None:
-    """Let a control be used, or not."""
+    """Disable or enable a control."""
     if disabled != bool(control.props.get("disabled")):
         if disabled:
             control.props["disabled"] = True
@@ -96,17 +95,17 @@ class Field:
     kind : str
         Type of the HTML input: "text", "password", "new-password", "number", "search", "date".
     unit, hint : str
-        Shown after and below.
+        Texts after and below the input.
     options : mapping of str to str, optional
-        Value and words of each option: makes a list to choose from instead.
+        Text of each value; makes a drop-down list instead of an input.
     lines : bool
-        Several lines.
+        Whether the input has several lines.
     on_change : callable, optional
         Called with every new value.
     on_enter : callable, optional
         Called when Enter is pressed.
     attributes
-        Of the HTML element, such as `autocomplete`.
+        Attributes of the HTML element, such as `autocomplete`.
     """
 
     def __init__(
@@ -174,12 +173,12 @@ class Field:
         return None
 
     def set(self, value: str) -> None:
-        """Put another value in."""
+        """Replace the value."""
         self.value = value
         self.control.props["value"] = value
 
     def wrong(self, text: str) -> None:
-        """Show the error of the value; an empty text removes it."""
+        """Show an error of the value; an empty text removes it."""
         self._wrong.set_text(text)
         if text:
             self.control.props["aria-invalid"] = "true"
@@ -194,7 +193,7 @@ class NumberField(Field):
     Parameters
     ----------
     said : str
-        Shown beside it where it isn't a number.
+        Error to show if the value isn't a number.
     """
 
     def __init__(self, label: str, value: str, said: str, *, unit: str) -> None:
@@ -202,7 +201,7 @@ class NumberField(Field):
         self._said = said
 
     def number(self) -> float | None:
-        """Return the number; without one, say so beside the field."""
+        """Return the number, or show the error at the field and return None."""
         try:
             number = typed_number(self.value)
         except ValueError:
@@ -213,22 +212,22 @@ class NumberField(Field):
 
 
 def tolerance_field(text: Text) -> NumberField:
-    """Make the entry of a tolerance in % of full scale."""
+    """Add an input for a tolerance in % of full scale."""
     said = text("verify.tolerance_wrong")
     return NumberField(text("verify.tolerance"), "0.1", said, unit="% FS")
 
 
 class Choice:
-    """One out of a few, all of them in sight.
+    """A choice among a few visible options.
 
     Parameters
     ----------
     legend : str
     options : mapping of str to str or (str, str)
-        Value, and words or words with a remark.
+        Text of each value, or text and remark.
     value : str
     several : bool
-        Any number of them; `values` then has the selected ones.
+        Whether several options may be selected; `values` contains them.
     on_change : callable, optional
         Called without arguments after a change.
     """
@@ -253,7 +252,7 @@ class Choice:
 
     @property
     def value(self) -> str:
-        """The chosen one; empty if none is."""
+        """The selected value; empty without one."""
         return next(iter(self.values), "")
 
     def _option(self, name: str, said: str | tuple[str, str]) -> None:

@@ -17,10 +17,10 @@ __all__ = ["ask", "foot", "sheet"]
 
 @contextmanager
 def sheet(title: str) -> Iterator[Any]:
-    """Open a dialog with the elements created inside; it is removed when it closes.
+    """Open a dialog with the elements created in the block; it is removed when it closes.
 
-    It is in its place from the first moment: a button that still moves is missed. It belongs to the
-    whole page, since the element that opened it may be rebuilt meanwhile.
+    It opens without an animation, so that its buttons can be pressed at once. It belongs to the
+    whole page, because the element that opened it may be rebuilt meanwhile.
     """
     with ui.context.client.content:
         dialog = ui.dialog()
@@ -36,7 +36,7 @@ def sheet(title: str) -> Iterator[Any]:
 
 @contextmanager
 def foot(text: Text, dialog: Any) -> Iterator[None]:
-    """Make the buttons below a dialog; the first one closes it."""
+    """Add the buttons below a dialog; the first one closes it."""
     with box("div", "line end"):
         button(text("frame.close"), dialog.close, "quiet")
         yield
@@ -54,10 +54,10 @@ def ask(
     value: str = "",
     danger: bool = False,
 ) -> Any:
-    """Ask whether something is to be done, and for one value where it needs one.
+    """Ask for confirmation of an action, and for one value if the action needs it.
 
-    `on_confirm` gets the value; the dialog stays open where it returns False. The button that
-    confirms says the title, or `confirm`.
+    `on_confirm` gets the value; if it returns False, the dialog stays open. The confirming button
+    is labelled with the title, or with `confirm`.
     """
 
     def act() -> None:

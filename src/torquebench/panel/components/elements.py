@@ -40,7 +40,7 @@ NOTE_ICONS = {"good": "check_circle", "warn": "warning", "bad": "error", "": "in
 
 
 class Words(TextElement):
-    """An element that holds text, which may change later by `set_text`."""
+    """An element with text, which `set_text` can change."""
 
     def __init__(self, tag: str, text: str) -> None:
         super().__init__(tag=tag, text=text)
@@ -57,35 +57,35 @@ def _dress(element: Any, classes: str, attributes: Mapping[str, Any]) -> Any:
 
 
 def box(tag: str = "div", classes: str = "", **attributes: Any) -> Any:
-    """Make a container element; `aria_label` becomes `aria-label` and so on."""
+    """Add a container element; underscores in attribute names become hyphens."""
     return _dress(ui.element(tag), classes, attributes)
 
 
 async def in_thread(
     function: Callable[Arguments, Value], *arguments: Arguments.args, **options: Arguments.kwargs
 ) -> Value:
-    """Call a function on another thread; where the panel ends meanwhile, the caller's task ends."""
+    """Call a function on another thread; if the panel ends meanwhile, cancel the caller's task."""
     done: tuple[Value] | None = await run.io_bound(lambda: (function(*arguments, **options),))
-    if done is None:  # the library's value when it shuts down
+    if done is None:  # NiceGUI returns None when it shuts down
         raise asyncio.CancelledError
     return done[0]
 
 
 @contextmanager
 def refilled(place: Any) -> Iterator[Any]:
-    """Empty an element and enter it, to show something else there."""
+    """Empty an element and enter it, to fill it again."""
     place.clear()
     with place:
         yield place
 
 
 def words(tag: str, text: str, classes: str = "", **attributes: Any) -> Any:
-    """Make an element of text."""
+    """Add an element with text."""
     return _dress(Words(tag, text), classes, attributes)
 
 
 def moment(at: datetime, *, seconds: bool = False) -> Any:
-    """Say when: the browser turns it into the reader's clock and way of writing (`panel.js`)."""
+    """Add a time, which the browser shows in the reader's time zone and format (`panel.js`)."""
     utc = at.astimezone(UTC)
     said = f"{utc:%Y-%m-%d %H:%M:%S}" if seconds else f"{utc:%Y-%m-%d %H:%M}"
     stamp = f"{utc:%Y-%m-%dT%H:%M:%SZ}"
@@ -96,10 +96,10 @@ def moment(at: datetime, *, seconds: bool = False) -> Any:
 
 
 def on_press(element: Any, action: Callable[[], Any]) -> None:
-    """Run an action when a button is pressed, and report its end to the browser.
+    """Run an action when an element is pressed, and report its end to the browser.
 
-    The browser shows the press at once, refuses presses while disconnected, and reports a missing
-    answer (`panel.js`).
+    The browser acknowledges the press at once, refuses presses while disconnected, and reports a
+    missing response (`panel.js`).
     """
 
     def tell(what: str) -> None:
@@ -128,12 +128,12 @@ def on_press(element: Any, action: Callable[[], Any]) -> None:
 
 
 def icon(name: str) -> Any:
-    """Make a decorative picture beside words with the same meaning."""
+    """Add a decorative icon beside text with the same meaning."""
     return _dress(ui.icon(name), "", {"aria_hidden": "true"})
 
 
 def panel(title: str = "", classes: str = "", *, level: int = 2) -> Any:
-    """Make a framed part of a page under its heading."""
+    """Add a framed part of a page with a heading."""
     frame = box("section", f"panel {classes}".strip(), aria_label=title or None)
     if title:
         with frame:
@@ -142,7 +142,7 @@ def panel(title: str = "", classes: str = "", *, level: int = 2) -> Any:
 
 
 def tag(text: str, kind: str = "", picture: str = "") -> Any:
-    """Make a short state: "good", "warn", "bad" or plain, never by colour alone."""
+    """Add a short label of a state; `kind` is "good", "warn", "bad" or empty."""
     frame = box("span", f"tag {kind}".strip())
     with frame:
         if picture:
@@ -152,7 +152,7 @@ def tag(text: str, kind: str = "", picture: str = "") -> Any:
 
 
 def note(text: str, kind: str = "", *, title: str = "", live: bool = False) -> Any:
-    """Make a remark of some lines; a live one is read out when it appears."""
+    """Add a remark; screen readers read a live one when it appears."""
     role = "alert" if live and kind == "bad" else "status" if live else None
     frame = box("div", f"note {kind}".strip(), role=role)
     with frame:
@@ -165,7 +165,7 @@ def note(text: str, kind: str = "", *, title: str = "", live: bool = False) -> A
 
 
 def empty(text: str, picture: str = "inbox") -> Any:
-    """Show that a list is empty, and how to fill it."""
+    """Add a hint that a list is empty, and how to fill it."""
     frame = box("div", "empty")
     with frame:
         icon(picture)
@@ -174,7 +174,7 @@ def empty(text: str, picture: str = "inbox") -> Any:
 
 
 def pairs(items: Iterable[tuple[str, str | datetime]]) -> Any:
-    """List names and values."""
+    """Add a list of names and values."""
     frame = box("dl", "pairs")
     with frame:
         for name, value in items:
@@ -188,35 +188,35 @@ def pairs(items: Iterable[tuple[str, str | datetime]]) -> Any:
 
 
 def repeat(interval_s: float, action: Callable[[], Any]) -> None:
-    """Call again and again while the page is connected.
+    """Call a function repeatedly while the page is connected.
 
-    The server keeps a page for a while after it was left or its connection was lost.
+    Without a connection the server still keeps the page for a while.
     """
     client = context.client
     ui.timer(interval_s, lambda: action() if client.has_socket_connection else None)
 
 
 def to_the_top() -> None:
-    """Scroll the page to the part that was just opened."""
+    """Scroll the page to its top, where a part was opened."""
     ui.run_javascript("window.scrollTo(0, 0)")
 
 
 def scrolling(label: str) -> Any:
-    """Make a frame for something wide; it can be scrolled from the keyboard."""
+    """Add a frame for wide content that can be scrolled by keyboard."""
     return box("div", "scroll", tabindex="0", role="region", aria_label=label)
 
 
 def headings(
     text: Callable[[str], str], page: str, keys: str, numbers: str = ""
 ) -> list[tuple[str, bool]]:
-    """Return a table's columns: a page's words by their keys, and whether they hold numbers.
+    """Return a table's columns: headings by their keys, and whether they contain numbers.
 
     Parameters
     ----------
     text : callable
-        The visitor's.
+        Texts in the visitor's language.
     page : str
-        Whose words they are.
+        Page whose texts contain the headings.
     keys, numbers : str
         Keys of all columns and of those with numbers, separated by spaces.
     """
@@ -233,22 +233,22 @@ def table(
     open_label: str = "",
     selected: Iterable[int] = (),
 ) -> Any:
-    """Make a table.
+    """Add a table.
 
     Parameters
     ----------
     caption : str
     columns : sequence of (str, bool)
-        Heading, and whether the column holds numbers.
+        Heading, and whether the column contains numbers.
     rows : sequence of sequence of str or datetime.datetime
     best : int, optional
-        Row to set off.
+        Row to emphasise.
     on_row : callable, optional
-        Called with the number of a row whose button is pressed.
+        Called with the index of a row when its button is pressed.
     open_label : str
         Label of that button.
     selected : iterable of int
-        Rows that are chosen.
+        Indices of the selected rows.
     """
     chosen = set(selected)
     frame = scrolling(caption)
@@ -278,7 +278,7 @@ def table(
 
 
 def _named(value: str | datetime) -> str:
-    """Return a row's first value as a button's label says it, a moment without its fractions."""
+    """Return a row's first value as text for a button's label."""
     return (
         f"{value.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC" if isinstance(value, datetime) else value
     )

@@ -1,4 +1,4 @@
-"""Messages at the page's edge: announced to screen readers; errors stay until dismissed."""
+"""Messages at the page's edge, announced to screen readers; errors stay until dismissed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ AT_MOST = 4
 
 
 class Messages:
-    """Messages of a page about the results of actions."""
+    """A page's messages about the results of actions."""
 
     def __init__(self, text: Text) -> None:
         self._text = text
@@ -28,7 +28,7 @@ class Messages:
         )
 
     def good(self, said: str) -> None:
-        """Show that an action is done; the message disappears after a while."""
+        """Show a success for a while."""
         shown = self._show(said, "good")
         with self._region:
             ui.timer(SHOWN_S, lambda: self._take(shown), once=True)
@@ -39,7 +39,7 @@ class Messages:
         self._show(found, "bad", more)
 
     def tell(self, said: str, kind: str, more: str, on_dismiss: Callable[[], Any]) -> None:
-        """Say something until it is dismissed, and hear of that."""
+        """Show a message until it is dismissed; then call `on_dismiss`."""
         self._show(said, kind, more, on_dismiss)
 
     def _show(

@@ -1,4 +1,4 @@
-"""A result's description on a page: facts, tables, charts, and drawings that are made aside."""
+"""Show a result's description: facts, tables, charts, and figures drawn on another thread."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LINES = ("-", "--", ":", "")
 
 
 def show_page(text: Text, page: Page) -> None:
-    """Show every section in a panel of its own; details are folded."""
+    """Show every section in a separate panel; details are collapsed."""
     for section in page.sections:
         heading = text.core(section.heading) or text.core(page.title)
         if section.detail:

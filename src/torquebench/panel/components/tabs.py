@@ -1,4 +1,4 @@
-"""Parts of a page of which one is shown at a time."""
+"""Tabs: parts of a page, of which one is visible at a time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Tabs"]
 
 
 class Tabs:
-    """Buttons for the parts above the one that is shown, which is rebuilt each time.
+    """Buttons for the parts, above the selected part, which is rebuilt when selected.
 
     Parameters
     ----------
@@ -20,9 +20,9 @@ class Tabs:
         Name of the group of parts.
     titles : mapping of name to title
     views : mapping of name to callable
-        Each makes a part.
+        Functions that build a part.
     first : str
-        The part to begin with; by default the first one.
+        The initial part; by default the first one.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The live chart: increments in, painted by the browser once a frame."""
+"""The live chart: receives new rows and is painted by the browser once per frame."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from nicegui.element import Element
 __all__ = ["Band", "Trace", "Trend"]
 
 MOST_AHEAD = 12
-"""Most messages sent but not yet painted by the browser: those of a third of a second."""
+"""Largest number of messages that the browser hasn't painted yet: those of a third of a second."""
 PATIENCE_S = 2.0
-"""After this time without an answer the next message is sent anyway: an answer may get lost."""
+"""Time after which the next message is sent without the browser's answer, which may be lost, s."""
 
 
 @dataclass(frozen=True)
 class Trace:
-    """One line of the chart.
+    """A line of the live chart.
 
     Parameters
     ----------
     name : str
-        The signal.
+        Name of the signal.
     title, unit : str
     grid : int
-        Which band.
+        Index of its band.
     colour : str
         Custom property of the style sheet.
     dashed : bool
     axis : int
-        0 the left scale, 1 the right one.
+        Scale: 0 is the left one, 1 the right one.
     decimals : int
-        Of its numbers.
+        Decimals of its values.
     """
 
     name: str
@@ -50,18 +50,18 @@ class Trace:
 
 @dataclass(frozen=True)
 class Band:
-    """One of the charts above each other.
+    """One of several charts above each other, with a left and a right scale.
 
     Parameters
     ----------
     title, second : str
-        Of the left and the right scale; empty hides it.
+        Titles of the left and the right scale; empty hides a scale.
     floor, secondFloor : float
-        The least span that a scale shows.
+        Smallest spans of the left and the right scale.
     ends : (float, float) or None
         Fixed ends of the left scale.
     aligned : bool
-        Zero is at the same height on both scales.
+        Whether zero has the same height on both scales.
     """
 
     title: str
@@ -73,7 +73,7 @@ class Band:
 
 
 class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI's is skipped
-    """The live chart with its tools, its table of values and its numbers.
+    """The live chart with its tools, table of values and numbers.
 
     Parameters
     ----------
@@ -82,13 +82,13 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
     said : mapping of str to str
         Texts of its buttons and headings.
     name : str
-        Of files that are saved.
+        Name of saved files.
     places : mapping of signal name to (element, decimals)
         Elements whose text is the newest number.
     region : element
         Element that turns grey without new data.
     on_view : callable
-        Called with the ends (bench time, s) of a span that finer rows are wanted of.
+        Called with start and end (bench time, s) of a zoomed span, for which finer rows are needed.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
         self.on("view", lambda event: on_view(event.args["start"], event.args["stop"]))
 
     def arrange(self, traces: Sequence[Trace], bands: Sequence[Band]) -> None:
-        """Show other lines."""
+        """Replace the lines."""
         self.props["series"] = [asdict(trace) for trace in traces]
         self.props["grids"] = [asdict(band) for band in bands]
 
@@ -133,13 +133,13 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
 
     @property
     def ready(self) -> bool:
-        """Whether the browser keeps up; one that doesn't gets fewer and larger messages."""
+        """Whether the browser keeps up; otherwise it gets fewer and larger messages."""
         if self._sent - self._painted < MOST_AHEAD:
             return True
         return time.monotonic() - self._sent_at > PATIENCE_S
 
     def reset(self, seconds: float, trend: Any, clock_offset_s: float) -> None:
-        """Show another span of time, beginning with the past that the server holds."""
+        """Show another time span, beginning with the server's stored rows."""
         self.run_method(
             "reset",
             seconds,
@@ -148,7 +148,7 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
         )
 
     def finer(self, start_s: float, stop_s: float, trend: Any) -> None:
-        """Send the rows of a held span."""
+        """Send finer rows of a zoomed span."""
         self.run_method("finer", start_s, stop_s, *_rows(trend))
 
     def marks(self, markers: Iterable[tuple[float, str]]) -> None:
@@ -158,7 +158,7 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
     def push(
         self, increment: Any, numbers: Mapping[str, float | None], clock_offset_s: float
     ) -> None:
-        """Send rows that are new, and the newest numbers."""
+        """Send new rows, and the newest numbers."""
         self._sent += 1
         self._sent_at = time.monotonic()
         self.run_method(
@@ -176,7 +176,7 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
 
 
 def _rows(trend: Any) -> tuple[Any, ...]:
-    """Return times, lowest, highest and mean values as the browser takes them."""
+    """Convert times, lowest, highest and mean values for the browser."""
     return trend.time_s.tolist(), _lists(trend.low), _lists(trend.high), _lists(trend.values)
 
 

@@ -1,4 +1,4 @@
-"""How verdicts look on every page."""
+"""Appearance of verdicts on all pages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LOOKS = {
 
 
 def verdict_kind(verdict: str) -> str:
-    """Return the kind of a tag or a note by its verdict.
+    """Return the kind of tag or note for a verdict.
 
     Examples
     --------

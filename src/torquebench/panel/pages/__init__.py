@@ -1,4 +1,4 @@
-"""The pages of the panel, which register themselves by `page`; they use the panel's service only.
+"""The panel's pages, which register themselves by `page` and use only the panel's service.
 
 `register_pages(service)` adds them to NiceGUI's application. A new page is one module here with its
 texts in `panel/text/en.toml` and `zh.toml`.

@@ -1,4 +1,4 @@
-"""The alarms: event, cause, remedy, and who has acknowledged it."""
+"""The page of alarms: event, cause, remedy, and who acknowledged it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class _AlarmsPage:
             return
         self._shown = alarms
         active = [alarm for alarm in alarms if alarm.active]
-        if active != self._stood:  # keep a button that is about to be pressed
+        if active != self._stood:  # don't rebuild a button that may be about to be pressed
             self._stood = active
             self._show(active)
         with refilled(self._history):
@@ -85,7 +85,7 @@ class _AlarmsPage:
             if alarm.allowed:
                 words("p", text("alarms.allowed", allowed=text.core(alarm.allowed)))
             remedies = [text.maybe(f"alarm.{key}_do", "")]
-            if alarm.remedy and key != "stop_requested":  # the core repeats it there
+            if alarm.remedy and key != "stop_requested":  # the core's remedy would repeat it
                 remedies.append(text.sentence(alarm.remedy))
             words("p", text("alarms.what_to_do", remedy=" ".join(filter(None, remedies))))
 

@@ -1,4 +1,4 @@
-"""Downloads of a page: files are read by their number, never by a path."""
+"""Buttons for downloading a certificate's files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["certificate_buttons"]
 
 
 def certificate_buttons(visitor: Visitor, number: str, files: Sequence[str]) -> None:
-    """Offer the files of a certificate."""
+    """Add a download button for each file of a certificate."""
     with box("div", "line"):
         for name in files:
             button(

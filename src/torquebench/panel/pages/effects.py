@@ -1,4 +1,4 @@
-"""Present contributions of every effect of the measuring chains: a table below the live values."""
+"""The live page's table of each effect's present contribution in the measuring chains."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class EffectsTable:
         self.refresh()
 
     def refresh(self) -> None:
-        """Show the newest window where somebody looks; rebuild the table where a state changed."""
+        """Show the newest window if the table is open; rebuild it only if a state has changed."""
         if not self._open:
             return
         states = [state for state in self._visitor.service.effects(self._side) if _says(state)]
@@ -130,7 +130,7 @@ class EffectsTable:
 
 
 def _says(state: EffectState) -> bool:
-    """Return whether an effect contributes, can be switched, refuses the reading or is missing."""
+    """Return whether an effect is listed: it contributes, can be switched off, or has a problem."""
     return bool(
         state.uncertainty_nm != 0.0
         or state.contribution_nm
@@ -140,5 +140,5 @@ def _says(state: EffectState) -> bool:
 
 
 def _kind_of(state: EffectState) -> str:
-    """Return the parts of a detail that don't change with every window."""
+    """Return the detail of an unmeasured effect, which doesn't change with every window."""
     return state.detail if state.state == "unmeasured" else ""

@@ -1,4 +1,4 @@
-"""The frame of every page: bar with stop button, navigation rail, alarm strip."""
+"""The frame of every page: bar with stop button, navigation, alarms."""
 
 from __future__ import annotations
 
@@ -67,11 +67,11 @@ STOP = {
     "data-stop": "1",
     "aria-keyshortcuts": "F8",
 }
-"""Attributes of a stop button: the browser posts the stop with priority."""
+"""Attributes of a stop button, whose request the browser sends with priority."""
 
 
 class _Frame:
-    """The parts around a page that change."""
+    """The variable parts around a page's content."""
 
     def __init__(self, visitor: Visitor, current: str) -> None:
         self.visitor = visitor
@@ -84,7 +84,7 @@ class _Frame:
                 words("a", self.text("navigation.skip"), "skip", href="#content")
                 self._bar()
                 self._rail(current)
-            before.move(client.layout, 0)  # seen and focused before the page's content
+            before.move(client.layout, 0)  # before the page's content, also for Tab
             self.visitor.messages = Messages(self.text)
             self.job = JobStrip(self.visitor)
 
@@ -143,7 +143,7 @@ class _Frame:
                         self._count = words("span", "", "count")
 
     def strips(self) -> None:
-        """Make the areas for important messages, above the page's content."""
+        """Add the areas for important messages above the page's content."""
         words("div", "", "note bad", id="stop-result", role="alert", hidden="hidden")
         words("div", "", "note warn", id="press-result", role="alert", hidden="hidden")
         self._notice = words("div", "", id="notice", hidden="hidden")
@@ -163,7 +163,7 @@ class _Frame:
         self._presence.set_visibility(False)
 
     def refresh(self) -> None:
-        """Show the bench's state where it has changed."""
+        """Update the parts that show the bench's state, if it has changed."""
         service, text = self.visitor.service, self.text
         try:
             commands = self.visitor.commands
@@ -209,7 +209,7 @@ class _Frame:
             self._lost.set_text(text(said, problem=text.core(snapshot.connection_problem)))
 
     def _notify(self) -> None:
-        """Send the browser the newest alarm and the newest end of a job of its user."""
+        """Send the browser the newest alarm and the user's newest finished job."""
         service, text = self.visitor.service, self.text
         alarm = max(service.alarms(active=True), key=lambda alarm: alarm.number, default=None)
         jobs = (job for job in service.jobs.recent() if not job.open)
@@ -255,13 +255,13 @@ class _Frame:
 
 
 def _latched(service: BenchService) -> AlarmView | None:
-    """Return the first alarm that stopped the bench."""
+    """Return the first active critical alarm."""
     active = service.alarms(active=True)
     return next((alarm for alarm in active if alarm.level == "critical"), None)
 
 
 def command_words(text: Text, mine: bool, holder: str | None) -> str:
-    """Show who commands the bench."""
+    """Return the text that states who commands the bench."""
     if mine:
         return text("frame.you_command")
     return text("frame.in_command", who=holder) if holder else text("frame.nobody_commands")
@@ -273,7 +273,7 @@ def frame(
 ) -> Iterator[Any]:
     """Put a page's content into the frame; `on_refresh` is called twice a second.
 
-    `current` is the page's name, or that of the page in the rail that it belongs to.
+    `current` is the name of the page, or of the page to which it belongs in the navigation.
     """
     text = visitor.text
     title = title or text(f"navigation.{current}")

@@ -1,4 +1,4 @@
-"""The menu: command lease, language, theme, keys, signing out."""
+"""The menu: command lease, language, theme, keyboard shortcuts, sign-out."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Menu"]
 
 
 class Menu:
-    """The menu's dialog, made when it is opened."""
+    """The dialog of the menu, built when it is opened."""
 
     def __init__(self, visitor: Visitor, take: Callable[[], Any], give: Callable[[], Any]) -> None:
         self._visitor = visitor
@@ -70,7 +70,7 @@ class Menu:
 
 
 def _choice(said: str, cookie: str, value: str, *, chosen: bool, **attributes: str) -> None:
-    """Make a button by which the browser stores a choice and loads the page anew."""
+    """Add a button that stores a choice in a cookie and reloads the page."""
     words(
         "button",
         said,

@@ -1,4 +1,4 @@
-"""The pages of the panel: each registers itself with its path, icon and place."""
+"""Registration of the panel's pages with path, icon and place."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ class Page:
     Attributes
     ----------
     name : str
-        Its title is the text `navigation.NAME`.
+        Name of the page; its title is the text `navigation.NAME`.
     path : str
-        Parts in braces, such as ``/calibrations/{number}``, are in the visitor's query.
+        Path of the page; parts in braces, such as ``/calibrations/{number}``, are in the visitor's
+        query.
     picture : str
         Icon in the navigation rail.
     place : int
-        Place in the rail; Alt and this number open the page. 0: it isn't in the rail.
+        Place in the navigation rail; Alt and this number open the page. 0 means not in the rail.
     build : callable
         Fills the page for a visitor.
     """
@@ -38,7 +39,7 @@ class Page:
 
 
 PAGES: dict[str, Page] = {}
-"""All pages by name; complete as soon as the package `pages` is imported."""
+"""All pages by name; complete after `import_pages`."""
 
 
 def page(name: str, path: str, picture: str = "", place: int = 0) -> Callable[[Build], Build]:

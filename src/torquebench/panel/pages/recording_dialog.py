@@ -1,4 +1,4 @@
-"""Recording on demand: name, start and end."""
+"""The dialog that starts a recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Registers the pages, their files and the forms for sign-in and stop."""
+"""Register the pages, their static files and the forms for signing in and out."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ STATIC = Path(__file__).parents[1] / "static"
 Entry = Annotated[str, Form(max_length=200)]
 LONGEST_NAME = 64
 KEPT_S = 30.0
-"""How long a page waits for a lost connection, s; afterwards it is loaded anew, and typed text is
-gone.
+"""For how long the server keeps a page with a lost connection, s; afterwards it is reloaded, and
+typed text is lost.
 """
 
 
@@ -47,7 +47,7 @@ def register_pages(service: BenchService) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        Open pages: the token of the session of each, by its number; kept up to date.
+        Session tokens of the open pages, by the pages' identifiers; kept up to date.
     """
     opened: dict[str, str] = {}
     app.add_static_files("/panel/static", STATIC)
@@ -97,7 +97,7 @@ def _signed_in(request: Request, token: str) -> Response:
 
 
 def _refused(request: Request, name: str, reason: str, error: TorquebenchError | None) -> Response:
-    """Return to the form with the reason; the name stays filled in."""
+    """Redirect to the form with the reason of a refusal and the entered name."""
     found = {
         "reason": reason,
         "name": name[:LONGEST_NAME],

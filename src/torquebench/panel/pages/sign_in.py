@@ -1,6 +1,6 @@
-"""Pages for people who aren't signed in: plain HTML, cheap for the server.
+"""Pages for people who aren't signed in, as plain HTML that costs the server little.
 
-They work with password managers and, apart from the stop button, without scripts.
+They work with password managers and without scripts, except for the stop button.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def safe_target(target: str) -> str:
 
 
 def element(tag: str, *content: str, classes: str = "", **attributes: str | bool | None) -> str:
-    """Return an element of HTML; its attributes are escaped, its content is HTML already.
+    """Return an HTML element with escaped attributes; its content must be HTML.
 
     Examples
     --------

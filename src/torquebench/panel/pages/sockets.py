@@ -1,4 +1,4 @@
-"""WebSockets of pages: each belongs to one page and to the session that opened it."""
+"""Protection of the pages' WebSockets: each is bound to a page and the session that opened it."""
 
 from __future__ import annotations
 
@@ -20,30 +20,31 @@ __all__ = ["SOCKET_PATH", "PageSockets"]
 SOCKET_PATH = "/_nicegui_ws/"
 REFUSED = 1008
 TO_SIGN_IN = '42["open"'
-"""Beginning of the message that redirects a page: the last one of an ended session."""
+"""Beginning of the message that redirects a page to sign-in after its session has ended."""
 _PACKET = re.compile(r"4[0-9]+-?(?:/[^,]*,)?[0-9]*")
 
 
 class PageSockets:
-    """ASGI middleware: a page's number alone gives no access to its socket.
+    """ASGI middleware that gives only a page's session access to the page's socket.
 
-    A socket to a page of a signed-in user needs that session's cookie, gets no data once the
-    session has ended, and may act for this page only. Polling is disabled, as its single requests
-    can't be assigned to a page.
+    The socket of a signed-in user's page needs the session's cookie, gets no data after the
+    session's end, and can act only for this page. Polling is disabled, because its requests can't
+    be assigned to a page.
 
     Parameters
     ----------
     app : ASGIApp
     people : People
     pages : mapping of str to str
-        Token of the session that opened each page, by the page's number; empty without a session.
+        Token of the session that opened each page, by the page's identifier; empty without a
+        session.
     """
 
     def __init__(self, app: ASGIApp, people: People, pages: MutableMapping[str, str]) -> None:
         self._app, self._people, self._pages = app, people, pages
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a socket's messages on, or refuse it."""
+        """Refuse a socket, or pass its messages to the application."""
         if scope["type"] not in ("http", "websocket") or SOCKET_PATH not in scope["path"]:
             await self._app(scope, receive, send)
             return
@@ -66,7 +67,7 @@ class PageSockets:
                 said = _content(message.get("text") or "")
                 if said is None or not _is_of(page, said):
                     return {"type": "websocket.disconnect", "code": REFUSED}
-                if said[:1] != ["log"]:  # keeps outsiders from writing into the server's log
+                if said[:1] != ["log"]:  # so that outsiders can't write into the server's log
                     return message
 
         async def sending(message: Message) -> None:
@@ -85,7 +86,7 @@ class PageSockets:
 
 
 def _is_harmless(kind: str, said: str) -> bool:
-    """Return whether an ended session may get this: engine.io's own, or the redirect."""
+    """Return whether a page of an ended session may get a message: engine.io's, or the redirect."""
     return kind != "websocket.send" or len(said) == 1 or said.startswith(TO_SIGN_IN)
 
 

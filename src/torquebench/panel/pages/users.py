@@ -1,4 +1,4 @@
-"""People: accounts and roles for administrators, one's own password for everyone."""
+"""The view of people: accounts and roles for administrators, the own password for everyone."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COLUMNS = ("name", "role", "state", "created", "system_users", "password_set")
 
 
 class UsersView(View):
-    """Accounts, as far as the user may see them."""
+    """The view of accounts, and of the user's password."""
 
     def build(self) -> None:
         """Make the view's elements."""
@@ -141,7 +141,7 @@ class UsersView(View):
 
 
 def role_choice(text: Text, role: str = "operator") -> Choice:
-    """Make the choice of a role."""
+    """Add a choice among the roles."""
     roles: dict[str, str] = {name: text.core(name) for name in ROLES}
     return Choice(text("users.role"), roles, role)
 

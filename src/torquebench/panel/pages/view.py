@@ -21,10 +21,10 @@ LOGGER = logging.getLogger(__name__)
 
 @contextmanager
 def part(text: Text) -> Iterator[None]:
-    """Show the failure of a part of a page in its place, so that the rest is shown."""
+    """If building a part of a page fails, show the error there, so that the rest works."""
     try:
         yield
-    except NotSignedInError:  # the page leads to signing in
+    except NotSignedInError:  # the page redirects to sign-in
         raise
     except TorquebenchError as error:
         note(text.refusal_line(error), "bad", live=True)
@@ -50,7 +50,7 @@ class View:
 
 
 def tabs(visitor: Visitor, page: str, views: Mapping[str, Callable[[Visitor], View]]) -> None:
-    """Make the tabs of a page; the query parameter `part` names the first one shown."""
+    """Add the tabs of a page; the query parameter `part` names the initial one."""
     titles = {name: visitor.text(f"{page}.{name}") for name in views}
     parts = {name: partial(_build, view, visitor) for name, view in views.items()}
     Tabs(visitor.text(f"navigation.{page}"), titles, parts, visitor.query.get("part", ""))

@@ -1,4 +1,4 @@
-"""The user of a page, and the language."""
+"""The user of an open page, with language and theme."""
 
 from __future__ import annotations
 
@@ -39,24 +39,24 @@ Value = TypeVar("Value")
 
 @dataclass
 class Visitor:
-    """One open page: its reader, language and where messages go.
+    """An open page's user, language, theme and messages.
 
     Attributes
     ----------
     service : BenchService
     token : str
-        Of the session.
+        Token of the session.
     text : Text
     look : str
-        "light", "dark" or empty for the device's own.
+        Theme: "light", "dark", or empty for the device's setting.
     address : str
         Path and query of the page.
     query : mapping of str to str
-        The query of the page's address, and the named parts of its path.
+        Query parameters of the page's URL, and the named parts of its path.
     shown_jobs : set of str
-        Jobs that the page itself shows.
+        Jobs that the page itself displays.
     messages : Messages
-        Set by the frame.
+        The page's messages; set by the frame.
     """
 
     service: BenchService
@@ -70,12 +70,12 @@ class Visitor:
 
     @property
     def actor(self) -> Actor:
-        """The actor of an action: this keeps the session alive."""
+        """The user as the actor of an action, which keeps the session alive."""
         return self.service.people.actor(self.token)
 
     @property
     def looker(self) -> Actor:
-        """The user of the page; repainting doesn't keep the session alive."""
+        """The user without keeping the session alive, for repainting."""
         return self.service.people.actor(self.token, touch=False)
 
     @property
@@ -84,11 +84,11 @@ class Visitor:
         return self.service.lease.holds(self.looker)
 
     def has_role(self, role: Role) -> bool:
-        """Whether the reader's role includes another."""
+        """Whether the user's role includes a role."""
         return allows(self.looker.role, role)
 
     def not_allowed(self) -> None:
-        """Say that the person's role doesn't allow what would be here."""
+        """Show that the user's role doesn't allow this part of the page."""
         role = self.text.core(self.looker.role)
         note(self.text("frame.not_allowed", role=role), "warn")
 
@@ -98,7 +98,7 @@ class Visitor:
         success: str = "",
         then: Callable[[], Any] = lambda: None,
     ) -> bool:
-        """Run an action; show its refusal, or its success and go on; return if it succeeded."""
+        """Run an action; show a refusal, or show success and call `then`; return the success."""
         try:
             action()
         except TorquebenchError as error:
@@ -117,7 +117,7 @@ class Visitor:
         then: Callable[[], Any] = lambda: None,
         **options: Any,
     ) -> bool:
-        """Attempt an action of the service as this person."""
+        """Attempt an action of the service as this user."""
         return self.attempt(lambda: action(self.actor, *arguments, **options), success, then)
 
     def start(
@@ -131,7 +131,7 @@ class Visitor:
         return self.act(self.service.start, kind, request, then=then, **confirmed)
 
     async def attempt_aside(self, action: Callable[[], Value]) -> Value | None:
-        """Run an action beside the event loop; show the refusal; return its value."""
+        """Run an action on another thread and return its value; show a refusal and return None."""
         try:
             value = await in_thread(action)
         except TorquebenchError as error:
@@ -144,7 +144,7 @@ class Visitor:
 
 
 def session_of(scope: Scope) -> str:
-    """Return the token of the session that a connection's cookie names; empty without one."""
+    """Return the session token in a connection's cookie; empty without one."""
     try:
         cookie = SimpleCookie(Headers(scope=scope).get("cookie", "")).get(SESSION_COOKIE)
     except CookieError:
@@ -153,19 +153,19 @@ def session_of(scope: Scope) -> str:
 
 
 def text_of(request: Request) -> Text:
-    """Return the texts in the language of the user or the browser."""
+    """Return the texts in the language of the user's choice or of the browser."""
     wanted = request.cookies.get(LANGUAGE_COOKIE)
     return Text(choose_language(wanted, request.headers.get("accept-language")))
 
 
 def look_of(request: Request) -> str:
-    """Return the user's theme; empty for the device's."""
+    """Return the user's theme; empty for the device's setting."""
     wanted = request.cookies.get(LOOK_COOKIE, "")
     return wanted if wanted in LOOKS else ""
 
 
 def visitor_of(service: BenchService, request: Request) -> Visitor | None:
-    """Return the user of a page; None without sign-in."""
+    """Return the visitor of a page; None if not signed in."""
     token = request.cookies.get(SESSION_COOKIE, "")
     try:
         service.people.actor(token, touch=False)

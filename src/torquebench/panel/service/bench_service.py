@@ -1,4 +1,4 @@
-"""The owner of an open bench in a server process; pages and HTTP clients use it only."""
+"""The service that owns the open bench of a server; pages and HTTP clients use only this."""
 
 from __future__ import annotations
 
@@ -73,19 +73,19 @@ from torquebench.station import LONGEST_BEFORE_S, Station, data_directory
 __all__ = ["BenchService"]
 
 LIVE_BLOCK_S = 0.03
-"""Longest block of a live bench: thirty-three updates a second, s."""
+"""Longest block for a live display, which gives thirty-three updates per second, s."""
 IDLE_PERIOD_S = 0.05
 
 
 class BenchService:
-    """An open bench with everything that a panel does with it.
+    """An open bench with all functions of the panel.
 
     Use `open`; the package's docstring lists the parts.
 
     Attributes
     ----------
     station : Station
-        The open bench. For the service's own parts only; interfaces must not use it.
+        The open bench, only for the parts of the service; interfaces must not use it.
     live : LiveHub
     people : People
     clients : Clients
@@ -103,7 +103,7 @@ class BenchService:
         self._closed = threading.Event()
         self._later = ThreadPoolExecutor(1, "torquebench-panel-log")
         self._stoppers = ThreadPoolExecutor(2, "torquebench-stop", prefer_this_thread)
-        self._stoppers.submit(int)  # the first stop needs no new thread
+        self._stoppers.submit(int)  # so that the first stop needs no new thread
         self._unloading: threading.Thread | None = None
         self._log_fails = False
         self._store = store
@@ -142,7 +142,7 @@ class BenchService:
         *,
         fast: bool = False,
     ) -> Self:
-        """Open the bench and everything around it.
+        """Open the bench and the service's other parts.
 
         Parameters
         ----------
@@ -151,13 +151,13 @@ class BenchService:
         data_dir : path, optional
             Default: `$TORQUEBENCH_DATA`, else `./torquebench-data`.
         fast : bool
-            A simulated bench works as fast as it computes while a procedure runs, and follows
-            the wall while none does: for tests and demonstrations.
+            Whether a simulated bench runs procedures as fast as possible, and otherwise in real
+            time; for tests and demonstrations.
 
         Raises
         ------
         InputError
-            The description is wrong, or contradicts the panel's changes.
+            The description is invalid, or contradicts the panel's changes.
         BenchError
             An instrument doesn't answer.
         RecordError
@@ -195,7 +195,7 @@ class BenchService:
         return station
 
     def _watch(self) -> None:
-        """Watch the station that is open now."""
+        """Connect the service's parts to the newly opened station."""
         station = self.station
         try:
             self.records = RecordQueries(station.registry)
@@ -224,23 +224,23 @@ class BenchService:
 
     @property
     def reopen_needed(self) -> bool:
-        """Whether settings of the bench were changed that count only once it is opened again."""
+        """Whether the bench must be reopened to apply changed settings."""
         try:
             return self.settings.bench() != self._opened
         except InputError:
             return True
 
     def reopen(self, actor: Actor) -> None:
-        """Close the bench and open it again, with the present settings.
+        """Close the bench and open it again with the present settings.
 
         Raises
         ------
         PermissionDeniedError, LeaseError
-            Only an administrator with the lease may.
+            The actor isn't an administrator with the lease.
         BusyError
             A job is under way.
         BenchError, InputError
-            The bench can't be opened; it stays closed until a further attempt.
+            The bench can't be opened, and stays closed until the next attempt.
         """
         require(actor, "administrator")
         self.jobs.command(actor)
@@ -264,13 +264,13 @@ class BenchService:
         return self._unloading is not None or self._closed.is_set()
 
     def unload_aside(self) -> None:
-        """Begin the shutdown: a running job ends with zero torque, and no new one starts."""
+        """Begin the shutdown on another thread: abort the running job, and start no other."""
         if self._unloading is None:
             self._unloading = threading.Thread(target=self.jobs.close, name="torquebench-unload")
             self._unloading.start()
 
     def close(self) -> None:
-        """End everything, the bench without torque. A second call does nothing."""
+        """Bring the bench to zero torque and close everything. A second call does nothing."""
         if self._closed.is_set():
             return
         self._closed.set()
@@ -281,7 +281,7 @@ class BenchService:
         if self._idle.is_alive():
             self._idle.join()
         self.live.close()
-        with contextlib.ExitStack() as closing:  # close everything, even if a drive isn't off
+        with contextlib.ExitStack() as closing:  # close the other parts even if a drive isn't off
             closing.callback(self._store.close)
             closing.callback(self.people.close)
             closing.callback(self._later.shutdown)
@@ -289,7 +289,7 @@ class BenchService:
             closing.callback(self.station.close)
 
     def _keep_time(self) -> None:
-        """Let a fast bench follow the wall clock while no procedure runs."""
+        """Advance a fast bench in real time while no procedure runs."""
         while not self._closed.wait(IDLE_PERIOD_S):
             clock = self.station.clock
             clock.require(clock.now() + IDLE_PERIOD_S)
@@ -298,7 +298,7 @@ class BenchService:
 
     @property
     def connection(self) -> tuple[Connection, str]:
-        """Whether samples arrive, or why not, in words."""
+        """Whether samples arrive, and the reason if not."""
         age_s = self.live.age_s
         if age_s <= STALE_AFTER_S:
             return "live", ""
@@ -312,7 +312,7 @@ class BenchService:
         return "lost" if ended else "stale", said
 
     def snapshot(self) -> BenchSnapshot:
-        """Return the bench at this moment; cheap enough for every repaint of every page."""
+        """Return the present state of the bench; fast enough for every repaint of every page."""
         station = self.station
         connection, problem = self.connection
         job = self.jobs.current
@@ -335,7 +335,7 @@ class BenchService:
         )
 
     def refresh_compensation(self, side: Side) -> None:
-        """Use the registry's active model of a side from now on, if there is one."""
+        """Compensate a side by its active model in the registry, if there is one."""
         station = self.station
         try:
             active = station.activate_compensation(side)
@@ -348,7 +348,7 @@ class BenchService:
         self._compensation[side] = (state, "")
 
     def wait_for_live(self) -> None:
-        """Wait until the newest numbers are of a block that began after now; not for long."""
+        """Wait briefly for live values of a block that began after this call."""
         station = self.station
         self.live.wait_beyond(station.clock.now() + 1.5 * station.description.counter.block_s)
 
@@ -357,7 +357,7 @@ class BenchService:
         try:
             kept = self._store.preference(actor.name, "live")
             return LiveLayout.model_validate(kept) if kept is not None else DEFAULT_LAYOUT
-        except ValidationError:  # stored by a version with other signals
+        except ValidationError:  # another version with other signals stored it
             return DEFAULT_LAYOUT
 
     def keep_layout(self, actor: Actor, layout: LiveLayout) -> None:
@@ -367,12 +367,12 @@ class BenchService:
     # -- actions ----------------------------------------------------------------------------
 
     def mark(self, actor: Actor, note: str, bench_time_s: float | None = None) -> Marker:
-        """Put a marker with a note, now or at an earlier bench time.
+        """Add a marker with a note at the present or an earlier bench time.
 
         Raises
         ------
         PermissionDeniedError
-            An operator may.
+            The actor isn't an operator.
         InputError
             The note is empty or too long, or the time isn't in the past of this bench.
         """
@@ -392,7 +392,7 @@ class BenchService:
     def note(self, actor: Actor, what: str, **details: Any) -> None:
         """Enter a person's action into the panel's log and the bench's audit log.
 
-        A log that can't be written doesn't prevent the action, but raises an alarm.
+        If the log can't be written, the action continues, but an alarm is raised.
         """
         try:
             self._store.note(actor.label, what, **details)
@@ -410,12 +410,12 @@ class BenchService:
         return self._store.events(min(max(limit, 1), 1000), before)
 
     def laboratory_people(self) -> tuple[str, ...]:
-        """Return the laboratory's people: with an account here, or named in its file.
+        """Return the laboratory's people: those with an account, and those named in its file.
 
         Raises
         ------
         InputError
-            The file can't be used.
+            The laboratory's file is invalid.
         """
         named = kept_letterhead(self.station.registry.root).people
         return tuple(dict.fromkeys((*self.people.names(), *named)))
@@ -426,7 +426,7 @@ class BenchService:
         Raises
         ------
         NotSignedInError, SignInError, LockedOutError
-            It is neither.
+            Name and secret are neither a person's nor a client's.
         """
         client = self.clients.find(secret)
         if client is None:
@@ -436,7 +436,7 @@ class BenchService:
         return client
 
     def present(self, actor: Actor, role: Role | None = None) -> Actor | None:
-        """Return an actor with its present role; None if it lost its access or this role."""
+        """Return an actor with its present role; None if it no longer has access or this role."""
         if actor.kind == "client":
             found = actor if self.clients.lives(actor.session_id) else None
         else:
@@ -453,7 +453,7 @@ class BenchService:
         return self.present(actor) is not None
 
     def _done(self, done: Operation) -> None:
-        """Use the models that the registry has in use now."""
+        """After an operation that may have changed them, use the registry's active models."""
         if done.activates:
             for side in SIDES:
                 self.refresh_compensation(side)
@@ -467,14 +467,14 @@ class BenchService:
         bench_clear: bool = False,
         password: str = "",
     ) -> JobView:
-        """Start an operation as a job, signed with the password where it is a signature.
+        """Start an operation as a job; an operation that needs a signature needs the password.
 
         Raises
         ------
         SignInError, LockedOutError
             The password is wrong.
         TorquebenchError
-            As of `JobRunner.start`.
+            As in `JobRunner.start`.
         """
         signed = self._confirm_signature(actor, kind, password)
         return self.jobs.start(actor, kind, request, bench_clear=bench_clear, signed=signed)
@@ -482,12 +482,12 @@ class BenchService:
     def perform(
         self, actor: Actor, kind: str, request: Mapping[str, Any] | Request, *, password: str = ""
     ) -> Result:
-        """Do at once what is no job; raises as `start` and `JobRunner.perform`."""
+        """Perform an operation that isn't a job; raises like `start` and `JobRunner.perform`."""
         signed = self._confirm_signature(actor, kind, password)
         return self.jobs.perform(actor, kind, request, signed=signed)
 
     def _confirm_signature(self, actor: Actor, kind: str, password: str) -> bool:
-        """Return whether the person has given the password; a signature demands it."""
+        """Check the password, which a signature requires; return whether it was given."""
         found = find_operation(kind)
         if found.signed or password:
             require(actor, found.role)
@@ -497,22 +497,22 @@ class BenchService:
     def effects(self, side: Side) -> tuple[EffectState, ...]:
         """Return the state of every effect of a side's measuring chain at the newest window.
 
-        Nothing where the side isn't compensated.
+        Empty if the side isn't compensated.
         """
         active = self.station.acquisition.compensation(side)
         return () if active is None else active.states()
 
     def switch_off(self, actor: Actor, side: Side, off: Sequence[str], reason: str = "") -> None:
-        """Leave corrections of a side out until the bench is closed, and make all others.
+        """Switch off some corrections of a side until the bench is closed; all others are applied.
 
         Raises
         ------
         PermissionDeniedError, LeaseError
-            A metrologist who commands may.
+            The actor isn't a metrologist with the lease.
         ModelMismatchError
             The side isn't compensated.
         InputError
-            There is no such correction.
+            A correction doesn't exist.
         BusyError
             A job is under way.
         """
@@ -525,7 +525,7 @@ class BenchService:
 
     def unfinished(self) -> list[UnfinishedView]:
         """Return unfinished runs, the oldest first."""
-        if self.jobs.busy:  # a running job isn't finished either
+        if self.jobs.busy:  # the running job would be listed, too
             return []
         return self.records.unfinished()
 
@@ -543,15 +543,15 @@ class BenchService:
         ----------
         calibration_id : int
         model_id : int, optional
-            The model that would be put into use; by default the one in use, or the latest.
+            The model to be activated; by default the active one, or the latest.
         languages : sequence of str
-            The first one is shown.
+            Languages; the first one is drawn.
         tolerance_percent_fs : float
 
         Raises
         ------
         RecordError, InputError
-            There is no such calibration, it was changed, or its certificate would be refused.
+            The calibration doesn't exist, was changed, or gets no certificate.
         """
         registry = self.station.registry
         laboratory, customer = kept_letterhead(registry.root).parties
@@ -575,7 +575,7 @@ class BenchService:
         Parameters
         ----------
         active : bool
-            Only those that still concern the bench, the worst first.
+            Whether to return only active ones, the most severe first.
         """
         supervisor = self.station.supervisor
         if active:
@@ -585,18 +585,18 @@ class BenchService:
     def acknowledge(
         self, actor: Actor, alarm_ids: Collection[str] | None = None
     ) -> AlarmView | None:
-        """Clear the latched alarm by name, once its cause is gone; return the cleared alarm.
+        """Acknowledge the latched alarm after its cause is removed; return it.
 
         Parameters
         ----------
         actor : Actor
         alarm_ids : collection of str, optional
-            The alarms that were seen; by default all active ones.
+            Identifiers of the alarms that the person has seen; by default all active ones.
 
         Raises
         ------
         InterlockError
-            The bench isn't in its safe state yet, or a critical alarm isn't among them.
+            The bench isn't in its safe state yet, or the person hasn't seen a critical alarm.
         """
         if self.jobs.busy:
             raise InterlockError(
@@ -619,7 +619,7 @@ class BenchService:
 
     @property
     def presence_left_s(self) -> float:
-        """How long the last confirmation still counts, s; 0 if none does."""
+        """Remaining time of the last confirmation, s; 0 without one."""
         return self.station.supervisor.heartbeats.present_s()
 
     def confirm_presence(self, actor: Actor) -> None:
@@ -628,28 +628,28 @@ class BenchService:
         Raises
         ------
         LeaseError
-            Another session commands.
+            Another session has the command lease.
         """
         self.jobs.command(actor)
         self.station.supervisor.heartbeats.confirm_presence(actor.label)
 
     def stop(self, actor: Actor, reason: str = "") -> StopReport:
-        """Bring the bench to its safe state at once; for every signed-in user, without the lease.
+        """Bring the bench to its safe state at once; any signed-in user may do this without lease.
 
-        This is no emergency stop in the sense of machine safety: that one is a red button.
+        This isn't an emergency stop in the sense of machine safety, which needs a hardware button.
         """
         started = time.perf_counter()
         said = plain_text(reason, 200) or "stop button"
         alarm = self.station.emergency_stop(Message("{reason}, by {who}", said, actor.label))
         seconds = time.perf_counter() - started
-        # The alarm is already in the audit log; the caller must not wait for the disk.
+        # The alarm is in the audit log already, so the caller needn't wait for the disk.
         self._later.submit(
             self.note, actor, "stopped the bench", reason=said, seconds=round(seconds, 4)
         )
         return StopReport(alarm.number, seconds)
 
     def stop_aside(self, actor: Actor, reason: str = "") -> Future[StopReport]:
-        """Stop on a dedicated thread; like `stop`, for callers that must not block."""
+        """Call `stop` on a dedicated thread, for callers that must not block."""
         return self._stoppers.submit(self.stop, actor, reason)
 
 

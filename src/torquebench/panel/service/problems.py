@@ -1,4 +1,4 @@
-"""Refusals of the panel as errors with found, allowed and remedy."""
+"""Errors of the panel, with found, allowed and remedy."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ class NotSignedInError(TorquebenchError):
 
 
 class SignInError(TorquebenchError):
-    """Name and password (or a client's token) don't belong together."""
+    """Name and password, or a client's name and token, don't match."""
 
 
 class LockedOutError(SignInError):
-    """Too many wrong passwords: no further attempt counts for a while.
+    """There were too many wrong passwords; further attempts are refused for a while.
 
     Attributes
     ----------
     wait_s : float
-        How long, s.
+        Time to wait, s.
     """
 
     def __init__(self, found: str, allowed: str = "", remedy: str = "", wait_s: float = 0.0):
@@ -39,7 +39,7 @@ class LockedOutError(SignInError):
 
 
 class PermissionDeniedError(TorquebenchError):
-    """The actor's role doesn't allow it."""
+    """The actor's role doesn't allow the action."""
 
 
 class LeaseError(TorquebenchError):
@@ -47,12 +47,12 @@ class LeaseError(TorquebenchError):
 
 
 class BusyError(TorquebenchError):
-    """The bench does one thing at a time, and is at it."""
+    """The bench is busy, because it performs one task at a time."""
 
 
 class NameTakenError(InputError):
-    """There is something of this name already."""
+    """The name exists already."""
 
 
 class NotFoundError(TorquebenchError):
-    """There is nothing with this number or name."""
+    """Nothing has this number or name."""

@@ -1,7 +1,7 @@
-"""The panel's own database: people, sessions, clients, their actions and changes.
+"""The panel's database of people, sessions, clients, actions and changes of settings.
 
-It is separate from the registry: accounts must be changed and sessions deleted, which the
-registry's append-only tables forbid, and several benches may share a registry.
+It is separate from the registry, because accounts are changed and sessions deleted, which the
+registry's append-only tables forbid, and because several benches may share a registry.
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ class MessageText(TypeDecorator[str]):
 
 
 def _table(name: str, texts: str, *others: Column[Any], key: str = "") -> Table:
-    """Return a table of texts, which are never empty, and other columns.
+    """Define a table with columns of required texts and other columns.
 
-    The key names the texts of its primary key; without any the rows are numbered.
+    `key` names the text columns of the primary key; without it, rows are numbered.
     """
     numbers = () if key else (Column("id", Integer, primary_key=True),)
     columns = (
@@ -115,7 +115,7 @@ changes = _table("changes", "at who section name reason before after", Column("u
 
 @dataclass(frozen=True)
 class Event:
-    """An action of a person.
+    """A logged action.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ class PanelStore:
     Parameters
     ----------
     data_dir : pathlib.Path
-        Exists already.
+        Data directory, which must exist.
 
     Raises
     ------
@@ -175,7 +175,7 @@ class PanelStore:
                 connection.exec_driver_sql(f"PRAGMA user_version={SCHEMA_VERSION}")
 
     def close(self) -> None:
-        """Close all connections; more calls do nothing."""
+        """Close all connections; further calls do nothing."""
         self._engine.dispose()
 
     @contextlib.contextmanager
@@ -185,7 +185,7 @@ class PanelStore:
         Parameters
         ----------
         reading : bool
-            It only reads: then it waits for no writer.
+            Whether it only reads, which doesn't wait for writers.
 
         Raises
         ------
@@ -199,7 +199,7 @@ class PanelStore:
     # -- actions ----------------------------------------------------------------------------
 
     def note(self, who: str, what: str, **details: Any) -> None:
-        """Enter an action."""
+        """Log an action."""
         with self.transaction() as connection:
             note(connection, who, what, **details)
 
@@ -242,12 +242,12 @@ class PanelStore:
 
 
 def note(connection: Connection, who: str, what: str, **details: Any) -> None:
-    """Enter an action in an open transaction."""
+    """Log an action in an open transaction."""
     connection.execute(
         insert(events).values(at=utc_text(), who=who, what=what, details=json_text(details))
     )
 
 
 def utc_text() -> str:
-    """Return the present time in its stored form."""
+    """Return the present time in UTC as stored text: ISO 8601 with milliseconds."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")

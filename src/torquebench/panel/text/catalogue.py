@@ -23,7 +23,7 @@ class Refusal(Protocol):
 
     @property
     def found(self) -> str:
-        """Result."""
+        """What was found."""
 
     @property
     def allowed(self) -> str:
@@ -61,7 +61,7 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
 
 
 def choose_language(wanted: str | None, accepted: str | None) -> Language:
-    """Return the user's language, otherwise the browser's, otherwise English.
+    """Return the user's language, else the browser's, else English.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def choose_language(wanted: str | None, accepted: str | None) -> Language:
 
 
 class Text:
-    """The words of one language.
+    """The texts of one language.
 
     Examples
     --------
@@ -106,12 +106,12 @@ class Text:
         return found.format(**values) if values else found
 
     def maybe(self, key: str, otherwise: str) -> str:
-        """Return a text, or the core's own if no text has this key."""
+        """Return the text of a key; without one, the translation of a term of the core."""
         found = self._words.get(key)
         return self.core(otherwise) if found is None else found
 
     def core(self, said: str) -> str:
-        """Return a sentence of the measuring core in this language.
+        """Translate a message of the core.
 
         Examples
         --------
@@ -121,7 +121,7 @@ class Text:
         return translated(said, self.language)
 
     def verdict(self, value: str) -> str:
-        """Return a verdict in words, by its value; empty without one.
+        """Return the label of a verdict; empty without a verdict.
 
         Examples
         --------
@@ -152,7 +152,7 @@ class Text:
         return heading[:1].upper() + heading[1:]
 
     def sentence(self, said: str) -> str:
-        """Return what the core says as a sentence.
+        """Translate a message of the core, and make it a sentence.
 
         Examples
         --------
@@ -163,11 +163,11 @@ class Text:
         return words[:1].upper() + words[1:] + ("" if words.endswith(end) else end)
 
     def refusal(self, error: Refusal) -> tuple[str, str]:
-        """Describe an error: found, and in one line allowed and remedy."""
+        """Return two texts of an error: what was found, and allowed values with remedy."""
         allowed = error.allowed and self("alarms.allowed", allowed=self.core(error.allowed))
         more = (allowed, self.core(error.remedy))
         return self.core(error.found), JOINTS[self.language].join(part for part in more if part)
 
     def refusal_line(self, error: Refusal) -> str:
-        """Say all of it in one line."""
+        """Return all texts of an error in one line."""
         return JOINTS[self.language].join(part for part in self.refusal(error) if part)

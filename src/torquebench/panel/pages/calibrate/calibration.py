@@ -1,6 +1,6 @@
 """The page of one calibration: its models, their verification, the signature, the certificate.
 
-It is read from the registry, so it is the same today and in a year.
+It is read from the registry, so its content stays available at this address.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ LANGUAGES = {"en": "English", "de": "Deutsch", "zh": "中文"}
 
 @dataclass(frozen=True)
 class _Calibration:
-    """What the records have of a calibration."""
+    """A calibration's data from the records."""
 
     detail: CalibrationDetail
     module: CalibratedModule
@@ -84,7 +84,7 @@ class _Calibration:
 
     @property
     def signed(self) -> bool:
-        """Whether a review has accepted it."""
+        """Whether a signed review has accepted it."""
         return any(
             review.accepted and review.signature is not None and review.signature.signed
             for review in self.detail.reviews
@@ -92,7 +92,7 @@ class _Calibration:
 
     @property
     def first_step(self) -> Step:
-        """The step that the page begins with."""
+        """The initial step of the page."""
         if self.verified is None:
             return "models"
         return "certificate" if self.signed else "sign"
@@ -113,7 +113,7 @@ def made_by(job: JobView) -> list[int]:
 
 
 class _CalibrationPage:
-    """One calibration; the part that a step needs is shown."""
+    """The page of one calibration, which shows one step at a time."""
 
     def __init__(self, visitor: Visitor, number: int) -> None:
         self.visitor, self.text, self.number = visitor, visitor.text, number
@@ -133,7 +133,7 @@ class _CalibrationPage:
             self._content = box("div", "stack")
 
     def refresh(self) -> None:
-        """Follow the jobs of this calibration; read the records again when one has ended."""
+        """Show the jobs of this calibration; read the records again when one has ended."""
         jobs = self.visitor.service.jobs
         recent = [job for job in jobs.recent() if self._concerns(job)]
         compared = next((job.result for job in recent if job.kind == JOBS["models"][0]), None)
@@ -151,7 +151,7 @@ class _CalibrationPage:
         return self.number in (job.request.get("calibration"), *made_by(job))
 
     async def _read(self) -> None:
-        """Read the records beside the event loop, and show them."""
+        """Read the records on another thread, and show them."""
         found = await self.visitor.attempt_aside(self._found)
         if self._content.is_deleted or found is None:
             return
@@ -161,7 +161,7 @@ class _CalibrationPage:
         self.render()
 
     async def after_signing(self) -> None:
-        """Go to the certificate, then say that it was signed."""
+        """Go to the step of the certificate, and confirm the signature."""
         self.step = "certificate"
         await self._read()
         self.visitor.messages.good(self.text("sign.done"))
@@ -175,7 +175,7 @@ class _CalibrationPage:
         )
 
     def show(self, step: Step) -> None:
-        """Go to a step; the browser's own "back" then leads to the one before."""
+        """Go to a step; the browser's "back" then leads to the previous one."""
         if step != self.step:
             address = f"/calibrations/{self.number}?step="
             ui.navigate.history.replace(f"{address}{self.step}")
@@ -203,7 +203,7 @@ class _CalibrationPage:
             self._navigation(found)
 
     def _facts(self, found: _Calibration) -> None:
-        """State what this page is about: what a signature signs."""
+        """Show the calibration that a signature signs."""
         text, entry, module = self.text, found.detail.calibration, found.module
         side = text(f"side.{module.side}")
         facts: list[tuple[str, str | datetime]] = [
@@ -244,7 +244,7 @@ def _models(page: _CalibrationPage, found: _Calibration) -> None:
     with panel(text("models.before_after")), box("div", "stack"):
         show_blocks(text, [errors_of_models(module), *residuals(module)])
         with box("details", open_=page.torque_unfolded) as fold:
-            # A job's end renders the page again: what the reader has unfolded stays so.
+            # The end of a job rebuilds the page; parts that the reader has opened stay open.
             fold.on(
                 "toggle",
                 lambda event: setattr(page, "torque_unfolded", bool(event.args)),
@@ -285,7 +285,7 @@ def show_page_sections(page: _CalibrationPage, result: ComparedModels) -> None:
 
 
 def _another_fit(page: _CalibrationPage) -> None:
-    """Offer to fit one more model."""
+    """Add the form for fitting another model."""
     operation, text = find_operation("records fit-model"), page.text
     with panel(), box("details"):
         words("summary", text.core(operation.summary))
@@ -360,7 +360,7 @@ def _sign(page: _CalibrationPage, found: _Calibration) -> None:
 
 
 def _verdicts(page: _CalibrationPage, verified: VerifiedModule) -> None:
-    """State how each model performs at the fresh points."""
+    """List the verdict of each model at the fresh points."""
     text = page.text
     words("h3", text("sign.verdicts", tolerance=f"{verified.tolerance_percent_fs:g}"))
     with box("ul", "stack"):
@@ -409,7 +409,7 @@ def _signature(page: _CalibrationPage, found: _Calibration) -> None:
         service, actor = visitor.service, visitor.actor
 
         def put_into_use() -> None:
-            service.jobs.command(actor)  # checked before anything is signed
+            service.jobs.command(actor)  # check the lease before anything is signed
             review = {
                 "record": f"calibration-{page.number}",
                 "remark": said,
@@ -434,7 +434,7 @@ def _signature(page: _CalibrationPage, found: _Calibration) -> None:
 
 @contextmanager
 def signing(page: _CalibrationPage, password: Field) -> Iterator[None]:
-    """Act with a person's password; say beside its field why that was refused."""
+    """Perform a signed action; show a refusal of the password at its field."""
     password.wrong("")
     set_disabled(password.control, True)  # Enter signs once
     try:
@@ -492,7 +492,7 @@ def _certificate(page: _CalibrationPage, found: _Calibration) -> None:
 
 
 def _preview_button(page: _CalibrationPage, asked: Any) -> None:
-    """Offer the pages of a draft of the certificate."""
+    """Add the button that shows a draft of the certificate."""
     text, service = page.text, page.visitor.service
 
     async def show() -> None:

@@ -1,4 +1,4 @@
-"""Begin a calibration, and follow its points until it has an address of its own."""
+"""The page that starts a calibration and shows its points until it is registered."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ __all__ = ["calibrate_page", "calibration_address"]
 MEASURING = ("calibrate", "resume")
 QUICK = ("zero", "check")
 SHOWN = 8
-"""Newest calibrations that are listed."""
+"""Number of calibrations that are listed."""
 
 
 def calibration_address(number: int) -> str:
@@ -45,7 +45,7 @@ def calibration_address(number: int) -> str:
 
 
 class _Start:
-    """The form of a calibration, or the calibration under way."""
+    """The form of a calibration, or the running calibration."""
 
     def __init__(self, visitor: Visitor) -> None:
         self._visitor, self._text = visitor, visitor.text
@@ -145,7 +145,7 @@ class _Start:
                     words("span", self._text(f"prepare.check_{key}"))
 
     def _list(self) -> None:
-        """List the newest calibrations, to go on with."""
+        """List the newest calibrations with links to their pages."""
         text = self._text
         entries = self._visitor.service.records.calibrations(limit=SHOWN)
         if not entries:
@@ -172,7 +172,7 @@ class _Start:
 
 
 class _Measuring:
-    """The staircase and the growing curve of errors."""
+    """Charts of the loading steps and the errors of a running calibration."""
 
     def __init__(self, visitor: Visitor) -> None:
         self._visitor, self._text = visitor, visitor.text

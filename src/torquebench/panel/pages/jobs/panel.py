@@ -1,4 +1,4 @@
-"""The running job on any page: progress, question to the operator, pause and abort."""
+"""Panel of the running job: progress, question to the operator, pause and abort."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def problem_note(
 
 
 def stage_words(text: Text, job: JobView) -> str:
-    """Say how far a job is."""
+    """Return the text of a job's progress."""
     stage = text.core(job.stage)
     if stage and job.total:
         stage = text("job.stage", stage=stage, done=job.done, total=job.total)
@@ -58,7 +58,7 @@ class JobProgress:
         self._bar = box("progress", max="1", aria_label=text("job.progress"))
 
     def refresh(self, job: JobView) -> None:
-        """Show how much of the stage is done; without a total, that it is under way."""
+        """Show the finished share of the stage, or just activity if the total is unknown."""
         self._bar.set_visibility(job.open)
         if job.total:
             self._bar.props["value"] = f"{job.done / job.total:.3f}"
@@ -68,7 +68,7 @@ class JobProgress:
 
 
 class JobControls:
-    """The buttons that pause, end and abort a job, for the holder of the command lease."""
+    """The buttons that pause, finish and abort a job, for the holder of the command lease."""
 
     def __init__(self, visitor: Visitor) -> None:
         self._visitor, self._text = visitor, visitor.text
@@ -76,7 +76,7 @@ class JobControls:
         self._frame = box("div", "line")
 
     def refresh(self, job: JobView) -> None:
-        """Offer the possible actions."""
+        """Update the buttons to the possible actions."""
         shown = (job.job_id, job.state, job.can_finish, self._visitor.commands)
         if shown == self._shown:
             return

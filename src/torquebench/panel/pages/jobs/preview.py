@@ -1,4 +1,4 @@
-"""A job's preview: steps, duration and limits, rehearsed while the server goes on."""
+"""A job's preview: steps, duration and limits, rehearsed on another thread."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ __all__ = ["Preview"]
 
 
 class Preview:
-    """A place for the preview of one kind of job.
+    """Area for the preview of one operation.
 
-    A full reducer test takes about a second to rehearse. That is done on another thread, so that
-    the pages of other people don't wait for it. Of several requests the last counts.
+    Rehearsing a full reducer test takes about a second, so it runs on another thread without
+    delaying other people's pages. Only the last of several requests is shown.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Preview:
         except TorquebenchError as error:
             preview, problem = None, error
         if asked != self._asked or self.place.is_deleted:
-            return  # something else was asked for in the meantime, or the page was left
+            return  # there is a newer request, or the page was left
         self.place.props["aria-busy"] = "false"
         with refilled(self.place):
             words("h2", text("preview.title"))

@@ -1,4 +1,4 @@
-"""The running job at the foot of every page, and the results of the user's own jobs."""
+"""The running job at the bottom of every page, and messages with results of the user's jobs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["JobStrip"]
 
 
 class JobStrip:
-    """Shows the job under way where the page itself doesn't; refreshed after the page."""
+    """Shows the running job unless the page itself does; refreshed after the page."""
 
     def __init__(self, visitor: Visitor) -> None:
         self._visitor, self._text = visitor, visitor.text
@@ -30,10 +30,10 @@ class JobStrip:
         self._frame.set_visibility(False)
 
     def refresh(self) -> None:
-        """Follow the jobs."""
+        """Update the strip to the present jobs."""
         jobs = self._visitor.service.jobs
         self._follow(jobs.current)
-        # The server keeps a page for some seconds after it was left; its messages aren't read.
+        # The server keeps a page for some seconds after it was left, and nobody reads its messages.
         if jobs.ended != self._ended and self._frame.client.has_socket_connection:
             self._ended = jobs.ended
             self._tell()
@@ -57,7 +57,7 @@ class JobStrip:
         self._controls.refresh(job)
 
     def _tell(self) -> None:
-        """Show the result of the user's own jobs until it is dismissed."""
+        """Show results of the user's jobs until they are dismissed."""
         visitor, log = self._visitor, self._visitor.service.jobs.log
         reader = visitor.looker
         if reader.kind != "person":

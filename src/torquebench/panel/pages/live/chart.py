@@ -1,4 +1,4 @@
-"""The live page's chart: its channels and scales, markers, spectrum and histogram."""
+"""The live page's chart with channels, scales, markers, spectrum and histogram."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ from torquebench.validation import words_of
 __all__ = ["SPANS", "LiveChart"]
 
 MOST_ROWS = 300
-"""Most rows that are sent one by one; a page that lacks more gets the whole past, reduced."""
+"""Largest number of new rows sent singly; a page that lacks more gets the reduced past again."""
 MOST_POINTS = 600
 MOST_LINES = 1200
-"""Most values of a spectrum: more would slow the browser down."""
+"""Largest number of values of a spectrum; more would slow the browser down."""
 SPANS = {"seconds_10": 10.0, "minute_1": 60.0, "minutes_10": 600.0, "hour_1": 3600.0}
 CHARTS = 3
 WHOLE_RANGE_UNITS = ("N·m", "rpm")
@@ -61,7 +61,7 @@ FLOORS = {
     "°C": (0.5, 0.5),
     "%": (1.0, 1.0),
 }
-"""The smallest span of a scale by unit: left, right."""
+"""Smallest span of the left and the right scale, by unit."""
 TOOLS = (
     "tools",
     "more",
@@ -88,7 +88,7 @@ _BY_NAME = {signal.name: signal for signal in SIGNALS}
 
 
 class LiveChart:
-    """The chart and everything that a person does with it.
+    """The live chart with its controls.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ class LiveChart:
         return made
 
     def choose(self, key: str) -> None:
-        """Show another span of time, and keep it for the next time."""
+        """Show another time span, and store it as the user's choice."""
         for name, made in self._spans.items():
             made.props["aria-pressed"] = "true" if name == key else "false"
             made.update()
@@ -245,14 +245,14 @@ class LiveChart:
         self.trend.finer(start_s, stop_s, hub.between(start_s, stop_s, self._names, MOST_POINTS))
 
     def push(self, share: Mapping[Side, tuple[str, float]]) -> None:
-        """Send the new rows; `share` gives the torque that counts, and its range."""
+        """Send the new rows; `share` names each side's torque signal and its range."""
         hub = self.visitor.service.live
-        if hub is not self._hub:  # first call, or the bench was reopened
+        if hub is not self._hub:  # the first call, or the bench was reopened
             self._restart()
             return
         if hub.sequence == self._sequence or not self.trend.ready:
             return
-        if hub.sequence - self._sequence > MOST_ROWS:  # a page that was hidden or slow
+        if hub.sequence - self._sequence > MOST_ROWS:  # the page was hidden or slow
             self._restart()
         increment = hub.since(self._sequence, self._names)
         self._sequence = increment.sequence

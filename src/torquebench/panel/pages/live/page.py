@@ -1,4 +1,4 @@
-"""The live page: both torques large, with uncertainty and compensation, and their trend."""
+"""The live page: both torques in large figures, uncertainty, compensation, and the trend."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ from torquebench.units import unit_of_name
 __all__ = ["live_page"]
 
 PUSH_S = 1.0 / 40.0
-"""Interval at which a page requests rows, s: shorter than theirs, so that none waits long."""
+"""Interval at which a page requests rows, s; shorter than the rows' interval, so none waits
+long."""
 FACTS = {
     "speed_input": ("input_speed_rpm", 2),
     "speed_output": ("output_speed_rpm", 3),
@@ -76,7 +77,7 @@ class _Tile:
         self.places["torque"] = (self._value, DECIMALS[side])
 
     def refresh(self, side: SideSnapshot) -> None:
-        """Show what doesn't change with every reading."""
+        """Update what doesn't change with every reading."""
         text, state = self._text, side.compensation
         uncertainty = side.expanded_uncertainty.value if state is not None else None
         known = (
@@ -172,7 +173,7 @@ class _LivePage:
         )
 
     def refresh(self) -> None:
-        """Show what doesn't change with every reading."""
+        """Update what doesn't change with every reading."""
         snapshot: BenchSnapshot = self.visitor.service.snapshot()
         self.sides = snapshot.sides
         for side, tile in self.tiles.items():

@@ -1,1 +1,1 @@
-"""Operations on pages: their form, their own page, and the list of all."""
+"""Pages of operations: form, page of one operation, and list of all."""

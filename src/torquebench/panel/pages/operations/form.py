@@ -23,20 +23,20 @@ from torquebench.validation import faults_of
 __all__ = ["BenchClear", "OperationForm", "choice_words"]
 
 TYPING_S = 0.4
-"""Longest pause between two digits of a number, s."""
+"""Pause after which typing counts as finished, s."""
 RADIO = 7
-"""Most choices that are all in sight."""
+"""Largest number of choices shown as visible options instead of a list."""
 
 
 def choice_words(text: Text, name: str) -> str:
-    """Return the words of an allowed value: of a model, a signal or a plain one."""
+    """Return the label of a choice: a model, a signal or another value."""
     if name in MODEL_NAMES:
         return text.core(model_title(name))
     return column_title(text, name) if unit_of_name(name) else text.core(name)
 
 
 class BenchClear:
-    """Asks on a real bench whether it may be loaded; nothing on a simulated one."""
+    """On a real bench, asks for confirmation that it may be loaded."""
 
     def __init__(self, visitor: Visitor) -> None:
         self._choice: Choice | None = None
@@ -47,7 +47,7 @@ class BenchClear:
 
     @property
     def confirmed(self) -> bool:
-        """Whether the person has confirmed it; of a simulated bench nobody asks."""
+        """Whether the person has confirmed; True for a simulated bench."""
         return self._choice is None or "clear" in self._choice.values
 
 
@@ -59,9 +59,9 @@ class OperationForm:
     visitor : Visitor
     operation : Operation
     given : mapping
-        First values, by the name of the parameter.
+        Initial values by parameter name.
     hidden : collection of str
-        Parameters without a field: they are as given.
+        Parameters without a field, which keep their given values.
     on_change : callable, optional
         Called after a change, once a person has stopped typing.
     """
@@ -109,7 +109,7 @@ class OperationForm:
                         self._add(each)
 
     def _record(self, asked: Parameter, record: type[BaseModel]) -> None:
-        """Make a fold with the fields of a record; empty ones aren't entered."""
+        """Add a collapsible group with the fields of a record; empty fields are left out."""
         before = self._given.get(asked.name) or {}
         readers: dict[str, Callable[[], Any]] = {}
         with box("details"):
@@ -132,7 +132,7 @@ class OperationForm:
         self._readers[asked.name] = self._reader(asked, value, asked.name)
 
     def _reader(self, asked: Parameter, value: Any, key: str) -> Callable[[], Any]:
-        """Make the control of a parameter; return what reads its value."""
+        """Add the control of a parameter; return a function that reads its value."""
         text = self._text
         title, hint = text.core(asked.title), text.core(asked.help)
         options = self._options(asked)
@@ -170,7 +170,7 @@ class OperationForm:
         return lambda: _value(asked, field.value)
 
     def _options(self, asked: Parameter) -> dict[str, str] | None:
-        """Return the values to choose from with their words; None where a value is free."""
+        """Return the choices with their labels; None for a free value."""
         text, settings = self._text, self._visitor.service.settings
         if asked.names == "models":
             kinds = (
@@ -204,7 +204,7 @@ class OperationForm:
         return shown(value)
 
     def _changed(self) -> None:
-        """Tell of a change after a pause in typing, and show what is wrong beside its field."""
+        """After a pause in typing, check the fields and report the change."""
         if self._waiting is not None:
             self._waiting.cancel()
         with self._clock:
@@ -216,7 +216,7 @@ class OperationForm:
         self._on_change()
 
     def request(self) -> dict[str, Any]:
-        """Return what was entered, without empty fields."""
+        """Return the entered values without empty fields."""
         read = {name: reader() for name, reader in self._readers.items()}
         return {
             name: value
@@ -225,7 +225,7 @@ class OperationForm:
         }
 
     def check(self) -> bool:
-        """Show what is wrong beside each field; return whether nothing is."""
+        """Show each field's error; return whether there are none."""
         text = self._text
         faults = faults_of(self._operation.request, self.request(), "")
         for key, field in self._fields.items():
@@ -243,7 +243,7 @@ def settings_title(text: Text, document: Mapping[str, Any], name: str) -> str:
 
 
 def _value(asked: Parameter, said: str) -> Any:
-    """Return the value of a field's text; text of another type is left to the request's check."""
+    """Convert a field's text to its type; unsuitable text is left for the request's validation."""
     said = said.strip()
     if not said:
         return None if asked.kind != "text" or asked.optional else ""

@@ -1,4 +1,4 @@
-"""Pages of operations: the list of all of them, and the page of one: form, preview, result."""
+"""The list of all operations, and the page of one operation: form, preview, result."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ __all__ = [
 
 
 def offered(visitor: Visitor) -> list[Operation]:
-    """Return the operations that the person may have done here."""
+    """Return the operations that the person may perform on the panel."""
     return [each for each in OPERATIONS.values() if each.served and visitor.has_role(each.role)]
 
 
 def show_result(visitor: Visitor, result: Any) -> None:
-    """Show a result: its sentence with the verdict, its warnings, its description."""
+    """Show a result: headline with verdict, warnings, description."""
     text = visitor.text
     verdict = text.verdict(result.verdict)
     note(text.core(result.headline), verdict_kind(result.verdict), title=verdict)
@@ -48,7 +48,7 @@ def show_result(visitor: Visitor, result: Any) -> None:
 
 
 def describe(text: Text, operation: Operation) -> None:
-    """State what an operation does; its summary is the page's heading."""
+    """Show an operation's description without its summary, which is the page's heading."""
     for paragraph in operation.paragraphs[1:]:
         if isinstance(paragraph, str):
             words("p", text.core(paragraph), "muted")
@@ -59,7 +59,7 @@ def describe(text: Text, operation: Operation) -> None:
 
 
 class _OperationPage:
-    """The form of one operation, its preview, and what became of it."""
+    """The page of an operation: form, preview, and result."""
 
     def __init__(self, visitor: Visitor, operation: Operation) -> None:
         self._visitor, self._text, self._operation = visitor, visitor.text, operation
@@ -115,7 +115,7 @@ class _OperationPage:
             show_result(self._visitor, result)
 
     def refresh(self) -> None:
-        """Follow the newest job of this operation."""
+        """Show the newest job of this operation."""
         if self._operation.quick:
             return
         jobs = self._visitor.service.jobs.recent()
@@ -135,7 +135,7 @@ class _OperationPage:
 
 
 def _given(visitor: Visitor) -> dict[str, Any]:
-    """Return the values that the page's address has."""
+    """Return the parameter values in the page's URL."""
     return {name: value for name, value in visitor.query.items() if name != "key"}
 
 
@@ -153,7 +153,7 @@ async def begin(
     password: Field | None = None,
     then: Any = lambda _result: None,
 ) -> bool:
-    """Start what a form describes, or do it at once; say beside the fields what is wrong."""
+    """Start or perform the operation of a form, or show the errors at its fields."""
     if not form.check():
         return False
     beside: dict[str, Any] = {} if password is None else {"password": password.value}
@@ -187,7 +187,7 @@ def operation_dialog(visitor: Visitor, name: str, given: Any = None, hidden: Any
 
 
 def operation_buttons(visitor: Visitor) -> None:
-    """Offer zeroing and the daily check; their dialog starts them."""
+    """Add the buttons for zeroing and the daily check, which open a dialog."""
     text = visitor.text
     with box("div", "line"):
         button(

@@ -22,18 +22,18 @@ from torquebench.panel.service import QueueItem, QueueView
 __all__ = ["QueuePanel"]
 
 SHOWN = 20
-"""Operations of the history."""
+"""Number of operations listed in the history."""
 
 
 class QueuePanel:
-    """Shows the queue, and lets whoever commands change it."""
+    """Shows the queue, and lets the holder of the command lease change it."""
 
     def __init__(self, visitor: Visitor) -> None:
         self._visitor, self._text, self._queue = visitor, visitor.text, visitor.service.queue
         self._shown: QueueView | None = None
 
     def build(self) -> None:
-        """Make its elements."""
+        """Make the panel's elements."""
         with panel(self._text.core("Queue")), box("div", "stack"):
             self._state = box("div", "stack")
             self._clear = BenchClear(self._visitor)
@@ -43,7 +43,7 @@ class QueuePanel:
                 self._history = box("div")
 
     def refresh(self) -> None:
-        """Show its present state, where that has changed."""
+        """Show the queue's present state if it has changed."""
         view = self._queue.view()
         if view == self._shown:
             return

@@ -10,7 +10,7 @@ UNITLESS = ("1", "counts")
 
 
 def column_unit_shown(column: str) -> str:
-    """Return a column's unit as the pages write it; empty if it has none.
+    """Return a column's unit as displayed on pages; empty without a unit.
 
     Examples
     --------
@@ -22,7 +22,7 @@ def column_unit_shown(column: str) -> str:
 
 
 def column_title(text: Text, column: str, *, samples: bool = False) -> str:
-    """Return what a column contains, without its unit; an unknown column keeps its name.
+    """Return a column's title without its unit; for an unknown column, its name.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def column_with_unit(text: Text, column: str, *, samples: bool = False) -> str:
 
 
 def stream_title(text: Text, stream: str) -> str:
-    """Return what a table of a run contains.
+    """Return the title of a run's stream.
 
     Examples
     --------

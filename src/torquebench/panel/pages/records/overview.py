@@ -1,4 +1,4 @@
-"""The records: runs, calibrations, drift and certificates; search, open, compare, plot, export."""
+"""The page of records: runs, calibrations, drift and certificates."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ KINDS = {
     "test": "test",
     "record": "record",
 }
-"""What the kinds of a run's identifier begin with; an external table is a calibration, too."""
+"""Prefix of the kinds of runs in each category; an external table counts as a calibration."""
 STATES = ("completed", "aborted", "failed", "running")
 
 
 class _Runs(View):
-    """Search the runs and open one."""
+    """The view that searches runs and opens one."""
 
     _offset = 0
 
@@ -134,7 +134,7 @@ class _Runs(View):
 
 
 class _Calibrations(View):
-    """Calibrations with their models; the errors of several in one chart."""
+    """The view of calibrations with their models, and a chart of several calibrations' errors."""
 
     _chosen: Sequence[int] = ()
 
@@ -206,7 +206,7 @@ class _Calibrations(View):
         self._show()
         self._compare()
         if self._chosen:
-            with self._list:  # the selected row no longer exists
+            with self._list:  # the selected row was removed
                 to_the_top()
 
     def _compare(self) -> None:
@@ -244,7 +244,7 @@ class _Calibrations(View):
 
 
 def drift_lines(text: Text, series: DriftSeries) -> list[Line]:
-    """Return the values over time, and the control chart's lines where there is one."""
+    """Return the values over time, and the lines of the control chart, if there is one."""
     moments = [moment.timestamp() for moment in series.moments]
     lines = [Line(text("records.values"), moments, series.values, "--series-1", points=True)]
     chart = series.chart
@@ -258,7 +258,7 @@ def drift_lines(text: Text, series: DriftSeries) -> list[Line]:
 
 
 class _Drift(View):
-    """The drift of each transducer."""
+    """The view of each transducer's drift."""
 
     def build(self) -> None:
         records = self._visitor.service.records
@@ -274,7 +274,7 @@ class _Drift(View):
     def _series(self, serial: str, series: DriftSeries) -> None:
         text, title = self._text, self._text.core(series.title)
         with panel(f"{serial}: {title}"):
-            if len(series.moments) > 1:  # a chart of a single point says less than a sentence
+            if len(series.moments) > 1:  # a single point isn't worth a chart
                 Chart(
                     text("records.drift_label", title=title),
                     text("records.time"),
@@ -294,7 +294,7 @@ class _Drift(View):
 
 
 class _Certificates(View):
-    """The certificates, with their files."""
+    """The view of certificates with their files."""
 
     def build(self) -> None:
         text = self._text

@@ -1,4 +1,4 @@
-"""One run of the records: its data, integrity, raw samples and points."""
+"""The panel of one run: data, integrity, raw samples and points."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ Y_FIRST = ("error_nm", "reading_nm", "torque_nm")
 
 
 def run_title(text: Text, kind: str) -> str:
-    """Show the kind of the run."""
+    """Return the title of a kind of run."""
     name = kind.removeprefix("test-").removesuffix("-short")
     if not kind.startswith("test-") or name not in TESTS:
         return text.maybe(f"run_kind.{kind}", kind)
@@ -67,7 +67,7 @@ def doubt_notes(text: Text, doubts: Iterable[str]) -> None:
 
 
 class RunPanel:
-    """A run that was opened.
+    """The panel of an opened run.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class RunPanel:
         self._column = ""
 
     async def build(self, place: Any) -> None:
-        """Make the panel's elements in a place; a long run is read while the server goes on."""
+        """Read the run on another thread, and build the panel in an element."""
         read = await self._visitor.attempt_aside(self._read)
         if read is None or place.is_deleted:
             return
@@ -95,7 +95,7 @@ class RunPanel:
         detail = records.run(self._run_id)
         try:
             return detail, records.run_columns(self._run_id)
-        except (TorquebenchError, OSError):  # a run without raw samples
+        except (TorquebenchError, OSError):  # the run has no raw samples
             return detail, ()
 
     def _show(self, detail: RunDetail, columns: Sequence[str]) -> None:
@@ -157,7 +157,7 @@ class RunPanel:
 
     def _samples(self, kind: str, columns: Sequence[str]) -> None:
         chosen = [name for name in columns if "torque" in name] or list(columns)
-        chosen.sort(key=lambda name: name.partition("_")[0] not in kind)  # the side that was run
+        chosen.sort(key=lambda name: name.partition("_")[0] not in kind)  # the run's side first
         if not chosen:
             return
         options = {name: column_with_unit(self._text, name, samples=True) for name in columns}
@@ -171,7 +171,7 @@ class RunPanel:
             self._column = name
             rows = await in_thread(trend, self._run_id, [name], POINTS)
             if place.is_deleted or self._column != name:
-                return  # closed, or another one was chosen in the meantime
+                return  # the panel was closed, or another column was chosen
             with refilled(place):
                 Chart(
                     self._text("run.samples_label", name=options[name]),
@@ -248,13 +248,13 @@ class RunPanel:
         draw()
 
     async def _export(self) -> None:
-        """Offer the run as a download; packing runs in the background."""
+        """Pack the run on another thread, and download it."""
         packed = await self._visitor.attempt_aside(self._packed)
         if packed is not None:
             ui.download(packed, f"{self._run_id}.zip")
 
     async def _export_data(self, chosen: str) -> None:
-        """Offer the samples as one file."""
+        """Download the samples as one file."""
         file_format = next((name for name in STREAM_FORMATS if name == chosen), None)
         if file_format is None:
             return
@@ -272,7 +272,7 @@ class RunPanel:
 
 
 def _worth_seeing(numbers: Mapping[str, Sequence[Any]]) -> str:
-    """Return the column to draw first: a measured one that varies; empty if there is none."""
+    """Return the initially plotted column: a measured one whose values vary; empty without one."""
     varying = [
         name
         for name, values in numbers.items()

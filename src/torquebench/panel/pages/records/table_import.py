@@ -1,4 +1,4 @@
-"""Enter a calibration of another bench: a CSV file, checked before it is stored."""
+"""The form for importing a calibration of another bench from a file, with a check before."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ READ_FILE = (
     " text += String.fromCharCode(...bytes.subarray(at, at + 8192));"
     " emit([file.name, btoa(text)]); }"
 )
-"""Sends the file's name and bytes; only the name if the file is too large."""
+"""Script that sends a file's name and bytes, or only the name if the file is too large."""
 LONGEST_NAME = 120
 SHOWN_DEVIATIONS = 12
 DAYS = ("reference_performed", "reference_due")
@@ -59,7 +59,7 @@ def all_profile_titles(visitor: Visitor) -> dict[str, str]:
 
 
 def profile_titles(visitor: Visitor, *, adaptive: bool = True) -> dict[str, str]:
-    """Return the profiles of steps by name, those of the laboratory among them."""
+    """Return titles of the profiles with steps by name, including the laboratory's own."""
     titles, offered = all_profile_titles(visitor), {}
     for item in visitor.service.settings.items("profiles"):
         document = item.document
@@ -78,7 +78,7 @@ def _moment(day: str) -> str:
 
 
 class TableEntry:
-    """The form of a table: file, circumstances, findings, and entering it.
+    """The form for a table: file, circumstances, findings, and import.
 
     Parameters
     ----------
@@ -144,13 +144,13 @@ class TableEntry:
         self._fields[name] = Field(self._text(f"external.{name}"), value, hint=hint, **more)
 
     def _stated(self, way: str) -> None:
-        """Ask for the standard's uncertainty in this way."""
+        """Show the fields for one way of stating the standard's uncertainty."""
         for name in ("reference_uncertainty_percent", "reference_points"):
             asked = way != "table" and (name == "reference_points") == (way == "points")
             self._fields[name].frame.set_visibility(asked)
 
     def _points(self) -> dict[str, list[float]]:
-        """Return the typed table of a certificate; raises ValueError where it isn't one."""
+        """Parse the typed table of a certificate; raises ValueError if it is invalid."""
         lines = self._fields["reference_points"].value.strip().splitlines()
         pairs = [
             [typed_number(cell) for cell in re.split(r"[;\s]+", line.strip())] for line in lines
@@ -159,7 +159,7 @@ class TableEntry:
         return {"torque_nm": list(torque), "expanded_uncertainty_nm": list(expanded)}
 
     def _reference(self) -> dict[str, Any] | None:
-        """Return the standard's uncertainty as it was entered; None where it isn't one."""
+        """Return the entered uncertainty of the standard; None if it is invalid."""
         way = self._fields["reference_uncertainty_of"].value
         if way == "table":
             return {}
@@ -177,7 +177,7 @@ class TableEntry:
         return asked
 
     async def _chosen(self, sent: Any) -> None:
-        """Take the bytes of the file; its name is a label only."""
+        """Receive the bytes of a file, whose name is only a label."""
         name, content = sent
         self._called = "".join(letter for letter in str(name) if letter.isprintable())[
             :LONGEST_NAME
@@ -203,7 +203,7 @@ class TableEntry:
             note(said, "bad", live=True)
 
     def _request(self, *names: str) -> dict[str, Any] | None:
-        """Return the entered values; None where one isn't a number."""
+        """Return the entered values; None if a number is invalid."""
         numbers = ("resolution_nm", "range_nm")
         asked: dict[str, Any] = {"content": self._content}
         good = bool(self._content)

@@ -1,4 +1,4 @@
-"""Results of a reducer test: quantities with uncertainty, limit and verdict; earlier specimens."""
+"""Show a reducer test's quantities with uncertainty, limit and verdict, and other specimens."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ __all__ = ["comparison", "test_result"]
 
 EARLIER = 20
 NEAR = 0.06
-"""Share of a loop's torque around zero that is drawn enlarged."""
+"""Share of a loop's torque range around zero that is also drawn enlarged."""
 
 
 def number(value: float) -> str:
@@ -53,7 +53,7 @@ def number(value: float) -> str:
 
 
 def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
-    """Return a value and its expanded uncertainty, rounded to the same digit, as far as known.
+    """Return a value and its expanded uncertainty, rounded to the same digit if both are known.
 
     Examples
     --------
@@ -68,7 +68,7 @@ def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class _Quantity:
-    """Results of one specimen."""
+    """A quantity of one specimen."""
 
     value: float
     expanded_uncertainty: float
@@ -86,13 +86,13 @@ def _fetch_report(visitor: Visitor, run_id: str) -> None:
 
 
 def _beside(point: LoopKeyPoint) -> str:
-    """Return the side of a key point that has room for its label."""
+    """Return the side of a key point with space for its label."""
     falling = "↓" in point.label or ("↑" not in point.label and point.torque_nm > 0.0)
     return "left" if falling else "right"
 
 
 def loop_chart(text: Text, loop: TorqueAngleLoop) -> None:
-    """Draw a torque-angle loop, and around zero once more, with key points; list them."""
+    """Draw a torque-angle loop with key points, also enlarged around zero; list the key points."""
     torque_nm = np.asarray(loop.torque_nm)
     near_nm = NEAR * float(np.max(np.abs(torque_nm), initial=0.0))
     with box("div", "columns"):

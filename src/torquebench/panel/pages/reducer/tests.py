@@ -1,4 +1,4 @@
-"""Reducer tests: choose, preview, watch, read the verdict, compare specimens."""
+"""The page of reducer tests: choice, preview, progress, verdict, comparison of specimens."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class _ReducerPage:
                 show_page(text, job.result.page())
 
     def _grow(self, job: JobView) -> None:
-        """Draw the readings since this part of the test began, at most ten minutes."""
+        """Draw the readings since this part of the test began, at most the last ten minutes."""
         live = self.visitor.service.live
         if self._began is None or self._stage != job.stage:
             self._stage, self._began = job.stage, live.bench_time_s
@@ -138,7 +138,7 @@ class _ReducerPage:
 
     @staticmethod
     def _runs_of(job: JobView) -> str:
-        """Return the running test; a full test has several in turn."""
+        """Return the running part of a test."""
         if job.kind == STANDARD:
             return "no-load"
         asked = str(job.request["test"])

@@ -1,4 +1,4 @@
-"""Edit one document of the settings: one field a value, with a preview of the differences."""
+"""Editor of one document of the settings: a field per value, and a preview of the changes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def shown(value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return whole numbers without a decimal point, in lists too."""
+    """Convert whole numbers to integers, in lists, too."""
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     whole = isinstance(value, float) and value.is_integer() and abs(value) < LARGEST_WHOLE
@@ -49,9 +49,9 @@ def _plain(value: Any) -> Any:
 
 
 def parsed(text: str, before: Any) -> Any:
-    """Return the value of a field's text, in the type of the previous value.
+    """Convert a field's text to the type of the previous value.
 
-    Text of another type is returned unchanged: the document's check reports the error.
+    Unsuitable text is returned unchanged; the document's validation then reports the error.
 
     Examples
     --------
@@ -95,11 +95,11 @@ class SettingEditor:
     visitor : Visitor
     item : SettingsItem
     on_change : callable
-        Called when something was changed.
+        Called after a change.
     new : bool
-        Whether the document isn't kept yet.
+        Whether the document isn't stored yet.
     on_copy : callable, optional
-        Called with the item that is to be copied under a new name.
+        Called with an item to copy it under a new name.
     """
 
     def __init__(
@@ -166,7 +166,7 @@ class SettingEditor:
         groups: dict[str, list[str]] = {}
         for key in self._before:
             if self._new and key == "name" and self._item.section == "profiles":
-                continue  # the name under which the profile is stored
+                continue  # this is the name under which the profile is stored
             groups.setdefault(key.rpartition(".")[0], []).append(key)
         return dict(sorted(groups.items(), key=lambda pair: pair[0] not in OPEN_GROUPS))
 
@@ -189,7 +189,7 @@ class SettingEditor:
         )
 
     def _hint(self, key: str) -> str:
-        """Say what a field may hold, and how a list is written."""
+        """Return a hint on a field's allowed values and how to write a list."""
         settings = self._visitor.service.settings
         if isinstance(self._before[key], list):
             return self._text("settings.list_hint")
@@ -240,7 +240,7 @@ class SettingEditor:
                     words("h3", self._text("settings.differences"))
                     change_lines(self._text, change.differences)
         set_disabled(self._apply, not good)
-        if good or beside:  # in sight until it is applied, however far up the field is
+        if good or beside:  # keep it visible until it is applied
             self._foot.classes(add="changed")
         else:
             self._foot.classes(remove="changed")

@@ -19,13 +19,13 @@ __all__ = ["LogView", "details_said"]
 
 AT_ONCE = 50
 WORDED = {"state": "job.state_", "side": "side."}
-"""Where the words for a detail's values are."""
+"""Prefixes of the keys of texts for details' values."""
 SENTENCES = ("found", "reason", "direction", "role", "summary")
-"""Details that the software may have worded; what a person typed stays as it is."""
+"""Details that may be messages of the software, which are translated; typed text isn't."""
 
 
 def details_said(text: Text, details: Mapping[str, Any]) -> str:
-    """Return an event's details in words, without what nobody filled in.
+    """Return an event's details as text, without empty ones.
 
     Examples
     --------
@@ -45,7 +45,7 @@ def details_said(text: Text, details: Mapping[str, Any]) -> str:
 
 
 def _asked(text: Text, request: type[BaseModel], given: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the values of a request that aren't its defaults, with their titles."""
+    """Yield title and value of a request's fields that differ from the defaults."""
     for asked in parameters(request):
         value = given.get(asked.name)
         if asked.record is not None:
@@ -75,7 +75,7 @@ def _said(text: Text, key: str, value: Any) -> str:
 
 
 class LogView(View):
-    """Fifty events at a time; a metrologist's."""
+    """The view of the log, fifty events at a time, for metrologists."""
 
     _older: int | None = None
 

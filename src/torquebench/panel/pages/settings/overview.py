@@ -1,4 +1,4 @@
-"""The settings: channels, limits, profiles, reducers, users; validated, logged, undone."""
+"""The page of settings: bench, profiles, reducers, users, tokens, history and log."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ class _Documents(View):
         self._open(self._new(name, document), new=True)
 
     def _free_name(self, said: str) -> str:
-        """Return an unused name, based on the document's own."""
+        """Return an unused name that is based on the given one."""
         plain = re.sub(r"[^a-z0-9.]+", "-", said.casefold()).strip("-.")[:60] or "own"
         taken = {item.name for item in self._visitor.service.settings.items(self._section)}
         numbered = (f"{plain}-{number}" for number in count(2))

@@ -23,7 +23,7 @@ __all__ = ["TokensView"]
 
 
 class TokensView(View):
-    """Programs that may use the API; an administrator's."""
+    """The view of programs that may use the API, for administrators."""
 
     def build(self) -> None:
         """Make the view's elements."""
@@ -72,7 +72,7 @@ class TokensView(View):
         name, role = self._name.value, self._role.value
 
         def add(actor: Actor) -> None:
-            # The choice offers roles only, as texts.
+            # the choice contains only roles
             _, token = visitor.service.clients.add(actor, name, role)  # type: ignore[arg-type]
             said = text("tokens.shown_once", name=name)
             with refilled(self._made), note(said, "good"):

@@ -24,7 +24,7 @@ class Actor:
         A person's sign-in name, or a client's name.
     role : {"operator", "metrologist", "administrator"}
     session_id : str
-        One sign-in of a person, or one token of a client. It is no secret.
+        Identifier of a person's sign-in or of a client's token; it isn't secret.
     kind : {"person", "client"}
     """
 
@@ -35,12 +35,12 @@ class Actor:
 
     @property
     def signature(self) -> Signature:
-        """How the actor's acts come about: in a session, or by a program's token."""
+        """Signature of the actor's decisions, authenticated by a session or a program's token."""
         return Signature("signed-in" if self.kind == "person" else "client", self.name)
 
     @property
     def signed(self) -> Signature:
-        """The same for an act that the person has given the password for."""
+        """Signature of a decision for which the person has entered the password."""
         return Signature("signed", self.name)
 
     @property
@@ -56,7 +56,7 @@ class Actor:
 
 
 def check_role(role: str) -> None:
-    """Refuse a role that there isn't.
+    """Raise an error for an unknown role.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def check_role(role: str) -> None:
 
 
 def require(actor: Actor, role: Role) -> None:
-    """Refuse an actor without the role.
+    """Raise an error for an actor without the role.
 
     Raises
     ------

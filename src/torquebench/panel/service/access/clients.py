@@ -25,7 +25,7 @@ from torquebench.panel.service.store import PanelStore, clients, note, utc_text
 __all__ = ["Client", "Clients"]
 
 PREFIX = "tb_"
-"""Prefix of tokens, by which secret scanners find a token leaked into a file."""
+"""Prefix of tokens, by which secret scanners recognise a leaked token."""
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 
@@ -42,7 +42,7 @@ class Client:
 
 
 class Clients:
-    """Tokens of programs, kept as hashes; looking one up waits for no disk.
+    """Tokens of programs, stored as hashes; looking one up needs no disk access.
 
     Parameters
     ----------
@@ -57,14 +57,14 @@ class Clients:
         self._in_use = {row.token_sha256: _actor(row) for row in rows}
 
     def add(self, actor: Actor, name: str, role: Role) -> tuple[Client, str]:
-        """Make a token for a program; it is returned once and never shown again.
+        """Create a token for a program; it is returned only once.
 
         Raises
         ------
         PermissionDeniedError
-            Not an administrator.
+            The actor isn't an administrator.
         InputError
-            The name is taken by a client in use, or name or role break the rules.
+            A client in use has the name already, or name or role is invalid.
         """
         require(actor, "administrator")
         if not NAME.fullmatch(name):
@@ -94,7 +94,7 @@ class Clients:
         return _client(made), token
 
     def list(self, actor: Actor) -> list[Client]:
-        """Return every client, revoked ones too; for administrators."""
+        """Return all clients, including revoked ones; for administrators."""
         require(actor, "administrator")
         with self._store.transaction(reading=True) as connection:
             rows = connection.execute(select(clients).order_by(clients.c.id)).all()
@@ -106,7 +106,7 @@ class Clients:
         Raises
         ------
         PermissionDeniedError
-            Not an administrator, or the client itself.
+            The actor isn't an administrator, or is the client itself.
         NotFoundError
             There is no client with this number.
         """
@@ -133,12 +133,12 @@ class Clients:
         return _client(row)
 
     def actor(self, token: str) -> Actor:
-        """Return which client a token belongs to.
+        """Return the client of a token.
 
         Raises
         ------
         NotSignedInError
-            It is unknown or revoked.
+            The token is unknown or revoked.
         """
         with self._lock:
             found = self._in_use.get(token_sha256(token))
@@ -147,17 +147,17 @@ class Clients:
         return found
 
     def find(self, secret: str) -> Actor | None:
-        """Return which client a secret is the token of; None where it isn't a client's token.
+        """Return the client of a secret; None if the secret isn't a client's token.
 
         Raises
         ------
         NotSignedInError
-            It is one, but unknown or revoked.
+            The token is unknown or revoked.
         """
         return self.actor(secret) if secret.startswith(PREFIX) else None
 
     def lives(self, session_id: str) -> bool:
-        """Whether a client with this identifier of a session is in use."""
+        """Whether a client with this session identifier is in use."""
         with self._lock:
             return any(each.session_id == session_id for each in self._in_use.values())
 

@@ -1,9 +1,10 @@
 """The command lease: one session commands the bench, the others watch.
 
-A command renews the holder's lease. Anybody may take it over once its holder has signed out, or has
-been idle for `IDLE_S` while nothing runs; the same person from another browser at any time; and, by
-force, a metrologist or administrator whose role isn't below the holder's. A program takes it from a
-person only while nothing runs. Every change is logged. A stop needs no lease.
+A command renews the holder's lease. Anybody may take it over after its holder has signed out, or
+has been idle for `IDLE_S` while nothing runs. The same person may take it over from another browser
+at any time, and a metrologist or administrator whose role isn't below the holder's may do so by
+force. A program can take it over from a person only while nothing runs. Every change is logged. A
+stop needs no lease.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ IDLE_S = 120.0
 
 @dataclass(frozen=True)
 class LeaseState:
-    """Who commands.
+    """The holder of the command lease.
 
     Parameters
     ----------
     holder : str or None
         Name of the holder; None without one.
     session_id : str or None
-        By which session: compare it with an actor's to know whether it is "you".
+        Session of the holder, to compare with an actor's own session.
     since_s, idle_s : float
         How long ago the lease was taken, and how long ago it was last used, s of wall time.
     """
@@ -45,18 +46,18 @@ class LeaseState:
 
 
 class CommandLease:
-    """Who may command; safe to use from any thread.
+    """The command lease; safe to use from any thread.
 
     Parameters
     ----------
     note : callable
         Called with an actor and the action, to log it.
     lives : callable
-        Whether a session of this identifier is still open.
+        Returns whether an actor's session is still open.
     working : callable
-        Whether a job is under way: then idling costs no lease.
+        Returns whether a job is running; the lease doesn't become free by idling then.
     now : callable
-        Seconds that only go on.
+        Returns the time of a monotonic clock, s.
 
     Examples
     --------
@@ -104,12 +105,12 @@ class CommandLease:
         return self._holder
 
     def holds(self, actor: Actor) -> bool:
-        """Whether this session commands."""
+        """Whether this actor's session holds the lease."""
         holder = self._current()
         return holder is not None and holder.session_id == actor.session_id
 
     def may_take(self, actor: Actor) -> tuple[bool, str]:
-        """Whether this session may take the lease without force, and why not."""
+        """Return whether this session may take the lease without force, and the reason if not."""
         with self._lock:
             holder = self._current()
             if holder is None or holder.session_id == actor.session_id:
@@ -121,12 +122,12 @@ class CommandLease:
             return False, Message("{who} is in command of the bench", holder.label)
 
     def take(self, actor: Actor, *, force: bool = False) -> None:
-        """Command from now on.
+        """Take the lease.
 
         Raises
         ------
         LeaseError
-            Somebody else commands; see the module's rules for what force can do.
+            Another session holds the lease, and the module's rules don't allow taking it over.
         """
         with self._lock:
             holder = self._current()
@@ -169,7 +170,7 @@ class CommandLease:
         self._note(actor, "gave up command")
 
     def require(self, actor: Actor) -> None:
-        """Refuse a session that doesn't command, and note that the lease is in use.
+        """Raise an error if the session doesn't hold the lease; otherwise renew the lease.
 
         Raises
         ------

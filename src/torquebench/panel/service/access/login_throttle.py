@@ -1,4 +1,4 @@
-"""Login throttle: wrong passwords are counted, and too many of them cause growing pauses."""
+"""Login throttle: too many wrong passwords cause growing pauses."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from torquebench.units import MINUTE
 __all__ = ["Attempt", "LoginThrottle"]
 
 WINDOW_S = 900.0
-"""How long a wrong password counts, and the longest pause, s."""
+"""Time for which a wrong password counts, and the longest pause, s."""
 FIRST_PAUSE_S = 30.0
 """First pause, s; each further wrong password doubles it."""
 PER_PERSON_AND_ADDRESS = 5
 PER_ADDRESS = 30
-"""A person's account has no limit over all addresses: an attacker elsewhere could use it to lock
-that person out.
+"""Limit of wrong passwords per address. There is no limit per account over all addresses, because
+an attacker could use it to lock a person out.
 """
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """One attempt that was counted: whose, and as which failures."""
+    """A counted attempt: its person, and the numbers of its failure records."""
 
     subject: str
     numbers: tuple[int, ...]
 
 
 class LoginThrottle:
-    """Counts attempts by address and by person there, across restarts, until they are right.
+    """Counts failed attempts by address, and by person and address, across restarts.
 
     Parameters
     ----------
@@ -49,14 +49,14 @@ class LoginThrottle:
         self._now = now
 
     def attempt(self, name: str, address: str) -> Attempt:
-        """Count an attempt as failed before anything is compared, and refuse one too many.
+        """Count an attempt as failed before the comparison, and refuse it if there are too many.
 
-        Counted afterwards, a crowd of attempts at one time would all find the door open.
+        If attempts were counted afterwards, many simultaneous attempts would pass.
 
         Raises
         ------
         LockedOutError
-            With how long to wait.
+            Too many attempts failed; the error contains the waiting time.
         """
         now = self._now()
         subjects = _subjects(name, address)
@@ -91,7 +91,7 @@ class LoginThrottle:
         return Attempt(subjects[0][0], tuple(numbers))
 
     def succeeded(self, attempt: Attempt) -> None:
-        """Forget an attempt that was right, and all failures of this person from this address."""
+        """Delete a successful attempt, and all failures of this person from this address."""
         with self._store.transaction() as connection:
             connection.execute(
                 delete(failures).where(
@@ -100,9 +100,9 @@ class LoginThrottle:
             )
 
     def release(self, name: str) -> None:
-        """Clear all failures of a person, and of the addresses.
+        """Delete all failures of a person and of that person's addresses.
 
-        By order of an administrator.
+        An administrator requests this.
         """
         begin = f"both {name} "
         with self._store.transaction() as connection:

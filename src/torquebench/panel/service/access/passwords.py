@@ -20,18 +20,19 @@ _hasher = PasswordHasher(time_cost=3, memory_cost=32 * 1024, parallelism=1)
 _nobody = "$argon2id$v=19$m={},t={},p=1${}${}".format(
     _hasher.memory_cost, _hasher.time_cost, "A" * 22, "A" * 43
 )
-"""Hash of no real password: an unknown user's sign-in takes as long as a known one's."""
+"""Hash without a password, so that signing in takes as long for an unknown user as for a known
+one."""
 _at_once = threading.BoundedSemaphore(2)
-"""Limits parallel sign-ins, whose memory the bench needs."""
+"""Limits parallel sign-ins, which need memory that the bench needs, too."""
 
 
 def check_password_rules(name: str, password: str) -> None:
-    """Refuse a password that is guessed at once.
+    """Raise an error for a password that is easily guessed.
 
     Raises
     ------
     InputError
-        Too short, too long, too uniform, or the name.
+        The password is too short, too long, too uniform, or contains the name.
 
     Examples
     --------
@@ -63,7 +64,7 @@ def hash_password(password: str) -> str:
 
 
 def matches(stored: str | None, password: str) -> bool:
-    """Whether a password belongs to a hash; without a hash it takes as long and doesn't."""
+    """Return whether a password matches a hash; without a hash, take as long and return False."""
     known = stored is not None and len(password) <= LONGEST
     with _at_once:
         try:

@@ -34,15 +34,15 @@ SYSTEM_USER = re.compile(r"[^\s@]{1,64}(@[^\s@]{1,253})?")
 NAME = re.compile(r"[^\W_][\w .'-]{0,62}[\w.]")
 SETUP = "set-up"
 RESERVED = frozenset({"set-up", "station", "panel", "system", "bench", "nobody", "torquebench"})
-"""Names in logs for actors other than people."""
+"""Names that logs use for actors other than people."""
 
 
 @dataclass(frozen=True)
 class User:
     """An account of a person.
 
-    `system_users` are the users of the operating system that are the same person, as ``user`` or
-    ``user@host``; `password_set` says when and by whom else the password was set last.
+    `system_users` are the same person's users of the operating system, as ``user`` or
+    ``user@host``; `password_set` says when and by whom else the password was last set.
     """
 
     name: str
@@ -81,14 +81,14 @@ class People:
 
     @property
     def setup_code(self) -> str | None:
-        """The code that sets up the first administrator; None once there is one.
+        """The code for creating the first administrator; None if there is one.
 
-        Shown on the server's console only.
+        It is printed on the server's console only.
         """
         return self._setup_code
 
     def set_up(self, code: str, name: str, password: str, address: str) -> str:
-        """Make the first administrator by the code on the console; return a session's token.
+        """Create the first administrator with the code on the console; return a session token.
 
         Raises
         ------
@@ -122,12 +122,12 @@ class People:
     # -- sessions ---------------------------------------------------------------------------
 
     def sign_in(self, name: str, password: str, address: str) -> str:
-        """Open a session; return its token, a secret for the person's browser alone.
+        """Open a session; return its token, which only the person's browser may know.
 
         Raises
         ------
         SignInError
-            Name and password don't belong together; the same words for either.
+            Name or password is wrong; the message doesn't say which.
         LockedOutError
             Too many wrong attempts.
         """
@@ -141,7 +141,7 @@ class People:
         attempt = self._guard.attempt(key, address)
         row = self._row(key)
         stored = None if row is None or not row.active else row.password_hash
-        if not matches(stored, password) or row is None:  # takes as long for unknown names
+        if not matches(stored, password) or row is None:  # takes equally long for unknown names
             self._store.note(key[:64], "failed to sign in", address=address)
             raise SignInError(
                 "name and password don't belong together", "", "check both and try again"
@@ -156,12 +156,13 @@ class People:
         ----------
         token : str or None
         touch : bool
-            Whether the person does something; a page that repaints itself doesn't.
+            Whether this is an action of the person, which keeps the session alive; repainting a
+            page isn't.
 
         Raises
         ------
         NotSignedInError
-            There is no such session, or it has expired.
+            The session doesn't exist, or has expired.
         """
         found = self._sessions.find(token or "", touch=touch)
         if found is None:
@@ -173,7 +174,7 @@ class People:
         return self._sessions.lives(session_id)
 
     def sign_out(self, token: str) -> None:
-        """End a session; unknown ones are none."""
+        """End a session, if it exists."""
         actor = self._sessions.find(token, touch=False)
         if actor is not None:
             self._sessions.close(token)
@@ -185,9 +186,9 @@ class People:
         Raises
         ------
         PermissionDeniedError
-            A client can't sign.
+            The actor is a client, which can't sign.
         SignInError, LockedOutError
-            As for `sign_in`.
+            As in `sign_in`.
         """
         if actor.kind != "person":
             raise PermissionDeniedError(
@@ -196,14 +197,14 @@ class People:
         self._checked(actor.name, password, address)
 
     def identify(self, name: str, password: str, address: str) -> Actor:
-        """Return the person with a name and password, for a connection that is its own session.
+        """Return the person with a name and password, for a connection without a session.
 
-        `signed_in` doesn't contain it: check `user` before later actions of the person.
+        `signed_in` doesn't know this connection: check `user` before later actions of the person.
 
         Raises
         ------
         SignInError, LockedOutError
-            As for `sign_in`.
+            As in `sign_in`.
         """
         row = self._checked(name, password, address)
         self._store.note(row.name, "signed in", address=address)
@@ -224,9 +225,9 @@ class People:
         Raises
         ------
         PermissionDeniedError
-            Not an administrator.
+            The actor isn't an administrator.
         InputError
-            The name is taken, or name, role or password break the rules.
+            The name exists already, or name, role or password is invalid.
         """
         require(actor, "administrator")
         self._insert(name, role, password, by=actor.label)
@@ -238,7 +239,7 @@ class People:
         Raises
         ------
         NotFoundError
-            There is none of this name.
+            There is no account of this name.
         """
         row = self._known(name)
         with self._store.transaction(reading=True) as connection:
@@ -264,17 +265,17 @@ class People:
         """Change an account and end its sessions; a new password also ends its lock.
 
         `unlock` alone ends the pause after wrong passwords, and no session. `linked` are all users
-        of the operating system that are this person, as ``user`` or ``user@host``. A password that
-        somebody else sets is on record, and certificates name it for 30 days.
+        of the operating system that are this person, as ``user`` or ``user@host``. If somebody else
+        sets a password, this is recorded, and certificates mention it for 30 days.
 
         Raises
         ------
         PermissionDeniedError
-            Not an administrator.
+            The actor isn't an administrator.
         NotFoundError
-            No such account.
+            The account doesn't exist.
         InputError
-            A rule is broken, or no administrator would be left.
+            A value is invalid, or no administrator would remain.
         """
         require(actor, "administrator")
         row = self._known(name)
@@ -296,7 +297,7 @@ class People:
         return self.user(name)
 
     def _link(self, actor: Actor, row: Row[Any], linked: Collection[str]) -> None:
-        """State which users of the operating system are a person."""
+        """Link users of the operating system to a person's account."""
         wanted = {each.strip() for each in linked if each.strip()}
         for each in wanted:
             if not SYSTEM_USER.fullmatch(each):
@@ -321,7 +322,7 @@ class People:
             note(connection, actor.label, "linked an account", name=row.name, users=sorted(wanted))
 
     def change_password(self, actor: Actor, old: str, new: str, address: str = "change") -> None:
-        """Change one's own password; the person's other sessions end."""
+        """Change the actor's password; the person's other sessions end."""
         self.confirm_password(actor, old, address)
         row = self._known(actor.name)
         check_password_rules(row.name, new)
@@ -407,13 +408,13 @@ class People:
         return row
 
     def close(self) -> None:
-        """Forget expired sessions in the database."""
+        """Delete expired sessions from the database."""
         with self._store.transaction() as connection:
             connection.execute(delete(sessions).where(sessions.c.seen < self._sessions.oldest()))
 
 
 def _set_by(connection: Connection, key: str, by: str) -> None:
-    """Note that somebody else has set the password of an account."""
+    """Record that somebody else has set the password of an account."""
     connection.execute(insert(password_settings).values(key=key, at=utc_text(), by=by))
 
 
@@ -432,7 +433,7 @@ def _user(connection: Connection, row: Row[Any]) -> User:
 
 
 def _bare(code: str) -> bytes:
-    """Return a code in one case, without separators."""
+    """Return a code in upper case without separators."""
     return "".join(each for each in code if each.isalnum()).upper().encode()
 
 

@@ -1,4 +1,4 @@
-"""Sessions of signed-in people: secret tokens, kept as hashes, that expire."""
+"""Sessions of signed-in people by secret tokens, which are stored as hashes and expire."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ __all__ = ["IDLE_S", "LONGEST_S", "Later", "Sessions", "at_once", "token_sha256"
 Later: TypeAlias = Callable[[Callable[[], None]], object]
 
 IDLE_S = 3600.0
-"""An idle session ends after this time, s."""
+"""Idle time after which a session ends, s."""
 LONGEST_S = 12 * HOUR
-"""A session ends after this time in any case, s: one shift."""
+"""Longest duration of a session, one shift, s."""
 TOUCH_S = 60.0
 """Interval at which the time of the last action is stored, s."""
 
@@ -73,7 +73,7 @@ class Sessions:
         self._now = now
         self._later = later
         self._writing = threading.Lock()
-        self._lock = threading.Lock()  # never held during a write
+        self._lock = threading.Lock()  # not held during writing
         self._open: dict[str, _Open] = {}
         with store.transaction(reading=True) as connection:
             query = select(sessions, users.c.name, users.c.role).join(
@@ -100,7 +100,7 @@ class Sessions:
                 user = connection.execute(
                     select(users).where(users.c.id == user_id, users.c.active)
                 ).one_or_none()
-                if user is None:  # closed since the password was checked
+                if user is None:  # the account was closed after the password check
                     raise NotSignedInError("an account that was closed", "an active account")
                 connection.execute(
                     insert(sessions).values(
@@ -117,7 +117,7 @@ class Sessions:
         return token
 
     def find(self, token: str, *, touch: bool) -> Actor | None:
-        """Return the owner of a token; None where it has expired or never was."""
+        """Return the owner of a token; None if it is unknown or has expired."""
         key, now = token_sha256(token), self._now()
         with self._lock:
             found = self._open.get(key)
@@ -139,7 +139,7 @@ class Sessions:
             )
 
     def lives(self, session_id: str) -> bool:
-        """Whether a session of this identifier is open."""
+        """Whether a session with this identifier is open."""
         now = self._now()
         with self._lock:
             return any(
@@ -171,7 +171,7 @@ class Sessions:
                 connection.execute(delete(sessions).where(sessions.c.token_sha256.in_(keys)))
 
     def oldest(self) -> float:
-        """Sessions not used since then have expired."""
+        """Time before which unused sessions have expired."""
         return self._now() - IDLE_S
 
     @staticmethod

@@ -1,1 +1,1 @@
-"""Jobs: the bench's tasks, one at a time, each on a thread of its own."""
+"""Jobs: the bench's tasks, one at a time, each on a separate thread."""

@@ -1,4 +1,4 @@
-"""A job: an operation under way, with its progress, its points and its end."""
+"""A job: a running operation with its progress, points and end."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ __all__ = [
 
 MOST_POINTS = 20_000
 JSON = PlainSerializer(lambda result: None if result is None else result.plain())
-"""The API serialises a result by its type; see `api.describing` for the schema."""
+"""Serialiser of results of any type; `api.describing` adds their schemas."""
 
 JobState = Literal["running", "pausing", "paused", "aborting", "done", "failed", "aborted"]
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Why something was refused or failed.
+    """Reason of a refusal or failure.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Problem:
 
     @classmethod
     def of(cls, error: BaseException) -> Problem:
-        """Put an error into words.
+        """Convert an exception to a problem.
 
         Examples
         --------
@@ -72,7 +72,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class JobStage:
-    """A finished part of a job: its title and its result, in words."""
+    """A finished stage of a job, with its result as text."""
 
     title: str
     detail: str
@@ -81,17 +81,17 @@ class JobStage:
 
 @dataclass(frozen=True)
 class JobPoint:
-    """One recorded point, as soon as it is recorded.
+    """A recorded point of a running or finished job.
 
     Parameters
     ----------
     number : int
-        Counts from 1 within the job.
+        Number of the point within the job, from 1.
     stream : str
-        Such as "points" or "zero_output".
+        Stream of the point, such as "points" or "zero_output".
     values : mapping of str to float
-        Measured fields and the point's stamp (`series`, `branch`, `nominal_nm`, …); with a
-        standard mounted also `error_nm`, reading minus standard.
+        Measured values and the point's labels (`series`, `branch`, `nominal_nm`, …); with a mounted
+        standard also `error_nm`, reading minus standard.
     """
 
     number: int
@@ -122,9 +122,9 @@ class JobView:
     can_finish : bool
         Whether it runs until a user finishes it.
     stage : str
-        The present step.
+        Title of the present stage.
     done, total : int, int or None
-        Steps of the stage; None if unknown.
+        Finished and total steps of the stage; None if unknown.
     detail : str
     stages : tuple of JobStage
         The finished stages.
@@ -135,7 +135,7 @@ class JobView:
     problem : Problem or None
         Why it failed or was aborted.
     result : Result or None
-        Once it is done.
+        Result of a finished job.
     """
 
     job_id: str
@@ -159,12 +159,12 @@ class JobView:
 
     @property
     def open(self) -> bool:
-        """Whether it is still under way."""
+        """Whether the job hasn't ended."""
         return self.finished is None
 
 
 class Points:
-    """Turns a run's documents into points as they arrive.
+    """Converts a run's documents to points as they arrive.
 
     Examples
     --------
@@ -193,12 +193,12 @@ class Points:
         return len(self._points)
 
     def since(self, number: int) -> list[JobPoint]:
-        """Return the points after one."""
+        """Return the points after a number."""
         return self._points[max(0, number) :]
 
 
 def _values(data: Mapping[str, Any]) -> dict[str, float]:
-    """Return an event's numbers by field; by device and field for equal field names."""
+    """Return an event's numbers by field, or by device and field for equal field names."""
     values: dict[str, float] = {}
     for key, value in data.items():
         if not isinstance(value, int | float):
@@ -214,16 +214,16 @@ def _values(data: Mapping[str, Any]) -> dict[str, float]:
 
 
 class Job:
-    """A job under way; also the campaign's progress watcher. Safe to use from any thread.
+    """A running job, which also receives its operation's progress; safe to use from any thread.
 
     Parameters
     ----------
     operation : Operation
     request : Request
     actor : Actor
-        Who has started it.
+        The actor who started it.
     signed : bool
-        Whether the person has given the password for it.
+        Whether the person signed it with the password.
     """
 
     def __init__(
@@ -258,7 +258,7 @@ class Job:
     # -- events of a campaign ---------------------------------------------------------------
 
     def start(self, title: str, total: int | None = None) -> None:
-        """Begin a stage; ends the stage before."""
+        """Begin a stage, and end the previous one."""
         with self._lock:
             self.finish()
             self._set(stage=title, total=total, done=0, detail="")
@@ -280,7 +280,7 @@ class Job:
     # -- requests of people -----------------------------------------------------------------
 
     def change(self, before: Sequence[JobState], after: JobState) -> bool:
-        """Change from one of some states to another; False where it is in none of them."""
+        """Change the state if it is one of `before`; return whether it was."""
         with self._lock:
             if self._state.state not in before:
                 return False
@@ -292,7 +292,7 @@ class Job:
     def end(
         self, state: JobState, *, problem: Problem | None = None, result: Result | None = None
     ) -> None:
-        """Note how it ended."""
+        """Store the end of the job."""
         with self._lock:
             if state == "done":
                 self.finish()

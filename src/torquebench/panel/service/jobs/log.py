@@ -1,4 +1,4 @@
-"""Results of jobs for those who started them, kept over a restart of the server."""
+"""Stored results of jobs for the users who started them, which survive a restart of the server."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from torquebench.panel.service.store import PanelStore, job_log, utc_text
 __all__ = ["EndedJob", "JobLog"]
 
 MOST_TOLD = 3
-"""Number of results kept; older ones are in the records."""
+"""Largest number of results shown to a user; older ones are in the records."""
 
 
 @dataclass(frozen=True)
 class EndedJob:
-    """A finished job whose result its starter hasn't seen.
+    """A finished job whose result the user who started it hasn't seen.
 
     Parameters
     ----------
     job_id, kind, title : str
     state : {"done", "failed", "aborted", "interrupted"}
-        Interrupted by the end of the server.
+        How it ended; "interrupted" means by the end of the server.
     headline : str
-        Its result, or why it ended.
+        Headline of the result, or the reason of its end.
     verdict : str
     started : datetime.datetime
         UTC.
@@ -46,7 +46,7 @@ class EndedJob:
 
 
 class JobLog:
-    """Stores start and end of every job; jobs still open at the server's start were interrupted.
+    """Stores start and end of every job; jobs that are open at the server's start were interrupted.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class JobLog:
         self._write(update(job_log).where(job_log.c.state == "running").values(state="interrupted"))
 
     def _write(self, statement: Executable) -> None:
-        """Store something; a full disk doesn't stop work, and raises an alarm elsewhere."""
+        """Write to the store; ignore a full disk, which raises an alarm elsewhere."""
         with contextlib.suppress(RecordError), self._store.transaction() as connection:
             connection.execute(statement)
 
@@ -79,7 +79,7 @@ class JobLog:
         )
 
     def ended(self, job: JobView) -> None:
-        """Keep how it ended."""
+        """Store the end of a job."""
         said = job.result.headline if job.result is not None else ""
         if job.problem is not None:
             said = job.problem.found
@@ -117,6 +117,6 @@ class JobLog:
         ]
 
     def told(self, job_id: str) -> None:
-        """Store that its starter has seen the result of a job."""
+        """Store that the user who started a job has seen its result."""
         with self._store.transaction() as connection:
             connection.execute(update(job_log).where(job_log.c.job_id == job_id).values(told=True))

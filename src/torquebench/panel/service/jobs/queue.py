@@ -1,4 +1,4 @@
-"""The queue of a panel: operations that wait for each other, in an order that people change."""
+"""The panel's queue: operations that are performed one after the other, in a changeable order."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ class QueueItem:
     added_by : str
     state : {"waiting", "running", "done", "failed", "aborted", "removed"}
     headline, verdict : str
-        Of its result; else what was found.
+        Headline and verdict of its result; without a result, the reason.
     job_id : str
-        Its job; empty before, and for what is no job.
+        Its job; empty before its start, and for operations that aren't jobs.
     added, finished : datetime.datetime
         UTC; `finished` is None before.
     """
@@ -74,13 +74,13 @@ class QueueView:
     Parameters
     ----------
     running : bool
-        Whether the next one begins by itself.
+        Whether the next operation starts automatically.
     started_by : str
-        Whose rights count.
+        The person who started the queue, whose permissions apply.
     reason : str
-        Why it has stopped, where it wasn't a person.
+        Why the queue stopped, unless a person stopped it.
     items : tuple of QueueItem
-        The one under way and those that wait, in their order.
+        The running operation and the waiting ones, in order.
     history : tuple of QueueItem
         The newest first.
     """
@@ -93,10 +93,10 @@ class QueueView:
 
 
 class JobQueue:
-    """Has operations done one after the other; safe to use from any thread.
+    """Performs operations one after the other; safe to use from any thread.
 
-    It stops at an error, at a job that was aborted and at a failed check, and is stopped after a
-    start of the panel. Operations are started in the name of the person who has started it.
+    It stops at an error, an aborted job and a failed check, and is stopped when the panel starts.
+    Operations are started in the name of the person who started the queue.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class JobQueue:
     # -- watching ---------------------------------------------------------------------------
 
     def view(self) -> QueueView:
-        """Return its present state."""
+        """Return the present state of the queue."""
         with self._lock:
             starter, reason = self._starter, self._reason
             open_rows = self._rows(("running", "waiting"))
@@ -152,12 +152,12 @@ class JobQueue:
     # -- people -----------------------------------------------------------------------------
 
     def add(self, actor: Actor, name: str, request: Mapping[str, Any]) -> QueueItem:
-        """Add an operation to the end.
+        """Add an operation to the end of the queue.
 
         Raises
         ------
         InputError
-            The request is wrong, or the operation needs a password.
+            The request is invalid, or the operation needs a password.
         PermissionDeniedError
             The actor's role doesn't allow it.
         """
@@ -195,12 +195,12 @@ class JobQueue:
         return row
 
     def remove(self, actor: Actor, number: int) -> None:
-        """Take a waiting operation out.
+        """Remove a waiting operation.
 
         Raises
         ------
         NotFoundError
-            It doesn't wait.
+            The operation isn't waiting.
         """
         with self._lock:
             self._waiting(number)
@@ -208,7 +208,7 @@ class JobQueue:
         self._note(actor, "removed from the queue", number=number)
 
     def move(self, actor: Actor, number: int, place: int) -> None:
-        """Move a waiting operation to a place among those that wait, from 0; raises as `remove`."""
+        """Move a waiting operation to a place in the queue, from 0; raises like `remove`."""
         with self._lock:
             self._waiting(number)
             numbers = [row.id for row in self._rows(("waiting",)) if row.id != number]
@@ -220,23 +220,23 @@ class JobQueue:
     def start(
         self, actor: Actor, *, bench_clear: bool = False, keep_going: bool = False
     ) -> QueueView:
-        """Let the waiting operations begin, one after the other.
+        """Start the waiting operations, one after the other.
 
         Parameters
         ----------
         actor : Actor
             Takes the command lease if it is free.
         bench_clear : bool
-            Whether a person has confirmed that a real bench may be loaded, by all of them.
+            Whether a person has confirmed that all operations may load a real bench.
         keep_going : bool
-            Whether it goes on after a check that failed.
+            Whether the queue continues after a failed check.
 
         Raises
         ------
         LeaseError
             Another session commands.
         InputError
-            Nothing waits, or the real bench isn't confirmed to be clear.
+            No operation is waiting, or nobody has confirmed that a real bench is clear.
         """
         self._jobs.command(actor)
         with self._lock:
@@ -253,14 +253,14 @@ class JobQueue:
         return self.view()
 
     def pause(self, actor: Actor) -> QueueView:
-        """Let no further operation begin; the one under way goes on."""
+        """Start no further operation; the running one continues."""
         self._jobs.command(actor)
         self._stop("")
         self._note(actor, "paused the queue")
         return self.view()
 
     def close(self) -> None:
-        """Let no further operation begin, and wait for the thread, whose job has to have ended."""
+        """Start no further operation, and wait for the thread; its job must have ended."""
         self._closed.set()
         if (thread := self._thread) is not None:
             thread.join()
@@ -276,17 +276,21 @@ class JobQueue:
             row, actor = following
             try:
                 self._have_done(row, actor)
-            except BusyError:  # somebody's own job is under way
+            except BusyError:  # a person's job is running
                 self._closed.wait(POLL_S)
-            except (LeaseError, PermissionDeniedError, InterlockError) as error:  # it still waits
+            except (
+                LeaseError,
+                PermissionDeniedError,
+                InterlockError,
+            ) as error:  # it still waits
                 self._stop(error.found)
-            except Exception as error:  # the queue is kept whatever happens
+            except Exception as error:  # the queue survives any error
                 found = error.found if isinstance(error, TorquebenchError) else repr(error)
                 self._set(row.id, state="failed", headline=found, finished=utc_text())
                 self._stop(found)
 
     def _next(self) -> tuple[Row[Any], Actor] | None:
-        """Return what comes next and in whose name; None ends the thread."""
+        """Return the next operation and the person who started the queue; None ends the thread."""
         with self._lock:
             waiting = self._rows(("waiting",))
             if self._closed.is_set() or self._starter is None or not waiting:

@@ -1,4 +1,4 @@
-"""The job runner: one job at a time, each on a thread of its own."""
+"""The job runner: runs one job at a time, each on a separate thread."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ ABORT_POLL_S = 0.1
 
 
 class JobRunner:
-    """Starts, watches and ends operations as jobs; safe to use from any thread.
+    """Starts, monitors and ends operations as jobs; safe to use from any thread.
 
     Parameters
     ----------
@@ -64,9 +64,9 @@ class JobRunner:
     note : callable
         Called with an actor, the action, and details.
     log : JobLog
-        Reports the results of jobs to the users who started them.
+        Stores the results of jobs for the users who started them.
     on_done : callable
-        Called with its operation, on the job's thread, when one has done its work.
+        Called with the operation, on the job's thread, after it was performed.
     """
 
     def __init__(
@@ -96,12 +96,12 @@ class JobRunner:
         self.move(station)
 
     def move(self, station: Station) -> None:
-        """Work on this bench from now on."""
+        """Use another station for the following jobs."""
         self._station = station
         self._token: int | None = station.engine.run_engine.subscribe(self._document)
 
     def _place(self, actor: Actor | None = None, job: Job | None = None) -> Place:
-        """Return the surroundings of an operation that a person starts."""
+        """Return the `Place` of an operation that a person starts."""
         place = Place(
             operator="" if actor is None else actor.label,
             library=self._library,
@@ -124,9 +124,9 @@ class JobRunner:
         Raises
         ------
         InputError
-            The request is wrong, or this operation moves nothing.
+            The request is invalid, or the operation moves nothing.
         LimitError, InterlockError
-            An operation that the bench would refuse.
+            The bench would refuse the operation.
         BusyError
             A job is under way.
         """
@@ -134,7 +134,7 @@ class JobRunner:
         if found.preview is None:
             raise InputError(Message("a preview of {kind}", kind), "what moves the bench")
         asked = _request(found, request)
-        with self._rehearsing:  # in a separate thread: starting or ending a job doesn't wait for it
+        with self._rehearsing:  # starting or ending a job doesn't wait for it
             self._refuse_busy()
             doubts = found.doubts(self._place(), asked)
             preview = found.preview(self._place(), asked)
@@ -149,14 +149,14 @@ class JobRunner:
         *,
         signed: bool = False,
     ) -> Result:
-        """Do at once what is no job, such as putting a model into use.
+        """Perform an operation that isn't a job, such as activating a model.
 
         Raises
         ------
         PermissionDeniedError, LeaseError
             The actor has no permission.
         InputError, RecordError
-            The request is wrong.
+            The request is invalid.
         """
         found = _operation(kind)
         require(actor, found.role)
@@ -190,7 +190,7 @@ class JobRunner:
         kind : str
             Name or key of an operation.
         request : mapping or Request
-            Fields of its request.
+            Fields of the operation's request.
         bench_clear : bool
             Whether a person has confirmed that a real bench may be loaded.
         signed : bool
@@ -201,7 +201,7 @@ class JobRunner:
         PermissionDeniedError, LeaseError
             The actor has no permission.
         InputError
-            The request is wrong.
+            The request is invalid.
         BusyError
             Another job is under way.
         TorquebenchError
@@ -236,7 +236,7 @@ class JobRunner:
         return job.view()
 
     def refuse_unconfirmed(self) -> None:
-        """Refuse to load a real bench that nobody has confirmed to be clear."""
+        """Raise an error for a real bench if nobody has confirmed that it is clear."""
         description = self._station.description
         if not description.simulated:
             raise InputError(
@@ -254,7 +254,7 @@ class JobRunner:
             self._jobs.popitem(last=False)
 
     def command(self, actor: Actor) -> None:
-        """Refuse an actor without the lease; a free lease is taken."""
+        """Take a free lease for an actor; raise an error if another session has it."""
         if self._lease.state().holder is None:
             self._lease.take(actor)
         self._lease.require(actor)
@@ -283,7 +283,7 @@ class JobRunner:
         except Exception as error:  # the panel continues after any error
             state = "aborted" if job.cancelled.is_set() else "failed"
             problem = Problem.of(error)
-        with self._lock:  # an observer of the end may start the next job
+        with self._lock:  # whoever sees the end may start the next job
             job.end(state, problem=problem, result=result)
             self._current = None
         view = job.view()
@@ -296,7 +296,7 @@ class JobRunner:
         job = self._current
         if job is None:
             return
-        if name == "start" and job.view().state == "pausing":  # requested between two runs
+        if name == "start" and job.view().state == "pausing":  # requested between runs
             self._station.pause()
         job.points(name, document)
 
@@ -304,32 +304,32 @@ class JobRunner:
 
     @property
     def current(self) -> JobView | None:
-        """The job under way, or None."""
+        """The running job, or None."""
         job = self._current
         return None if job is None else self._view(job)
 
     @property
     def busy(self) -> bool:
-        """Whether a job is under way."""
+        """Whether a job is running."""
         return self._current is not None
 
     def get(self, job_id: str) -> JobView:
-        """Return a job; the last twenty are kept.
+        """Return a job of the last twenty.
 
         Raises
         ------
         NotFoundError
-            There is none with this identifier.
+            No job has this identifier.
         """
         return self._view(self._job(job_id))
 
     def wait(self, job_id: str, timeout_s: float) -> JobView:
-        """Return a job when it has ended, or after a while."""
+        """Wait for the end of a job or a timeout, and return the job."""
         self._job(job_id).ended.wait(timeout_s)
         return self.get(job_id)
 
     def recent(self) -> list[JobView]:
-        """Return the jobs that are kept, the newest first."""
+        """Return the last twenty jobs, the newest first."""
         with self._lock:
             jobs = list(self._jobs.values())
         return [self._view(job) for job in reversed(jobs)]
@@ -359,7 +359,7 @@ class JobRunner:
     # -- commanding -------------------------------------------------------------------------
 
     def pause(self, actor: Actor, job_id: str) -> JobView:
-        """Hold a job at its next point, without torque.
+        """Pause a job at its next point, with zero torque.
 
         Raises
         ------
@@ -378,7 +378,7 @@ class JobRunner:
         return self._view(job)
 
     def resume(self, actor: Actor, job_id: str) -> JobView:
-        """Let a paused job go on; raises like `pause`."""
+        """Resume a paused job; raises like `pause`."""
         job, view = self._commanded(actor, job_id)
         if not job.change(("pausing",), "running"):
             raise BusyError(Message("{title} isn't paused", view.title), "a paused job")
@@ -387,7 +387,7 @@ class JobRunner:
         return self._view(job)
 
     def finish(self, actor: Actor, job_id: str) -> JobView:
-        """End a job that continues until then, with its result; raises like `pause`."""
+        """Finish a job without a fixed end, so that it returns its result; raises like `pause`."""
         job, view = self._commanded(actor, job_id)
         if not (view.can_finish or job.finishing.is_set()):
             raise BusyError(Message("{title} can't be finished", view.title), "a recording")
@@ -396,7 +396,7 @@ class JobRunner:
         return self._view(job)
 
     def abort(self, actor: Actor, job_id: str, reason: str = "") -> JobView:
-        """End a job with zero torque; raises like `pause`."""
+        """Abort a job with zero torque; raises like `pause`."""
         job, _ = self._commanded(actor, job_id)
         reason = plain_text(reason, 200)
         self._abort(job, reason or Message("aborted by {who}", actor.label))
@@ -426,7 +426,7 @@ class JobRunner:
         LeaseError
             Another session commands.
         NotFoundError
-            This question doesn't wait (any more).
+            The question isn't open, or no longer.
         """
         self.command(actor)
         if not self._prompts.answer(number, done=done, who=actor.label):
@@ -445,7 +445,7 @@ class JobRunner:
 
     @contextmanager
     def idle(self) -> Iterator[None]:
-        """Let no job start until the block ends.
+        """Prevent jobs from starting until the block ends.
 
         Raises
         ------
@@ -459,7 +459,7 @@ class JobRunner:
     def close(self) -> None:
         """Abort the running job and wait for its end; refuse further jobs.
 
-        A second call waits for the first one's work.
+        A second call waits until the first one has finished.
         """
         with self._lock:
             self._closed = True
@@ -481,7 +481,7 @@ def _operation(kind: str) -> Operation:
 
 
 def require_person(actor: Actor, request: Request) -> None:
-    """Refuse a program that decides what a person has to decide."""
+    """Raise an error if a program makes a decision that needs a person."""
     for each in parameters(type(request)):
         chosen = getattr(request, each.name)
         if each.decision and chosen != each.default and actor.kind != "person":

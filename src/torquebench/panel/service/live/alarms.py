@@ -1,4 +1,4 @@
-"""Alarms as pages and clients show them."""
+"""Alarms in the form for pages and clients."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class AlarmView:
     Parameters
     ----------
     alarm_id : str
-        Means this alarm for ever, also once the bench was opened again.
+        Permanent identifier, which stays unique when the bench is reopened.
     number : int
-        Counts from 1 since the bench was opened.
+        Number since the bench was opened, from 1.
     level : str
-        "warning" or "critical": the latter has stopped the bench.
+        "warning" or "critical"; a critical alarm has stopped the bench.
     kind, source : str
     found, allowed, remedy : str
         Cause with value and unit, limit, and remedy.
@@ -52,7 +52,7 @@ class AlarmView:
 
     @property
     def message(self) -> str:
-        """Cause, limit and remedy in one line, as an error has them."""
+        """Cause, limit and remedy in one line, as in an error."""
         return str(TorquebenchError(self.found, self.allowed, self.remedy))
 
 
@@ -63,9 +63,9 @@ class StopReport:
     Parameters
     ----------
     alarm_number : int
-        Of the alarm that it latched, or added to the one that is.
+        Number of the alarm that the stop raised.
     seconds : float
-        From the request to both drives' zero command, s of wall time.
+        Time from the request to the zero command of both drives, s of wall time.
     """
 
     alarm_number: int
@@ -73,7 +73,7 @@ class StopReport:
 
 
 def alarm_view(entry: RaisedAlarm) -> AlarmView:
-    """Return an alarm as a value without behaviour."""
+    """Convert a raised alarm to a plain value."""
     alarm = entry.alarm
     return AlarmView(
         alarm_id=f"{alarm.raised:%Y%m%dT%H%M%S.%fZ}-{alarm.number}",

@@ -1,7 +1,7 @@
-"""The live hub: present readings of the bench, computed once for all watchers.
+"""The live hub: present readings of the bench, computed once for all pages and clients.
 
-One thread turns each block of acquisition into one row: for every signal the lowest, highest and
-mean value. Watchers request the rows since the last one that they have.
+A thread converts each acquired block to one row with lowest, highest and mean value of every
+signal. Readers request the rows after their last one.
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ __all__ = [
 Connection = Literal["live", "stale", "lost"]
 
 STALE_AFTER_S = 1.0
-"""Time without a new number after which a signal is stale, s of wall time."""
+"""Time without a new value after which a signal counts as stale, s of wall time."""
 ROWS = 3600
 FACTORS = (10, 4)
-"""Capacity of the levels; with blocks of 30 ms: 108 s of every block, 18 min of 0.3 s, 72 min of
-1.2 s.
+"""Number of rows merged from level to level. With blocks of 30 ms, the levels hold 108 s of every
+block, 18 min of rows of 0.3 s, and 72 min of rows of 1.2 s.
 """
 MAXIMUM_INCREMENT = 1000
 MOST_POINTS = 5000
 WINDOWS_KEPT_S = 120.0
-"""How long every single window of the torques is kept for spectra, s."""
+"""Time for which all windows of the torques are kept for spectra, s."""
 MEANINGFUL_SHARE = 0.02
-"""Share of range below which a torque gives no efficiency."""
+"""Share of the range below which a torque is too small for an efficiency."""
 MEANINGFUL_SPEED_RPM = 1.0
 
 
@@ -75,7 +75,7 @@ _INDEX = {signal.name: place for place, signal in enumerate(SIGNALS)}
 
 @dataclass(frozen=True, eq=False)
 class LiveTrend:
-    """Rows that are new to a watcher, or signals' past, reduced so that no extreme is lost.
+    """New rows for a reader, or signals' past, reduced without losing extremes.
 
     Parameters
     ----------
@@ -84,11 +84,11 @@ class LiveTrend:
     time_s : float64[n]
         Bench time of each row's end, s.
     values : mapping of signal name to float64[n]
-        Means; NaN where there is no number.
+        Means; NaN marks a missing value.
     low, high : mapping of signal name to float64[n]
         Extremes within each row.
     missed : int
-        New rows that were dropped because the watcher was too slow.
+        Number of new rows that were dropped because the reader was too slow.
     """
 
     sequence: int
@@ -101,7 +101,7 @@ class LiveTrend:
 
 @dataclass(frozen=True)
 class LatestValue:
-    """The newest number of a signal, None before the first, and how old it is.
+    """The newest value of a signal, None before the first, and its age.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class LatestValue:
     age_s : float
         Wall time since its arrival, s; infinite before the first.
     fault : str
-        Why there is no newer one, in words; empty where there is.
+        Why there is no newer value; empty if there is one.
     """
 
     value: float | None
@@ -118,7 +118,7 @@ class LatestValue:
 
     @property
     def stale(self) -> bool:
-        """Whether it is too old to be shown as the present reading."""
+        """Whether the value is too old to be shown as the present reading."""
         return self.age_s > STALE_AFTER_S
 
 
@@ -130,13 +130,13 @@ class LiveHub:
     description : BenchDescription
     clock : BenchClock
     viewer : Viewer
-        A viewer of the acquisition, which is drained here.
+        A viewer of the acquisition, which the hub reads.
     mounted : callable, optional
-        Returns the mounting: efficiency needs a reducer.
+        Returns what is mounted, because only a reducer has an efficiency.
 
     Examples
     --------
-    A page asks again and again::
+    A page calls repeatedly::
 
         increment = service.live.since(sequence)
         sequence = increment.sequence
@@ -167,7 +167,7 @@ class LiveHub:
         self._thread = threading.Thread(target=self._run, name="torquebench-live", daemon=True)
 
     def start(self) -> None:
-        """Begin to take blocks."""
+        """Start the hub's thread."""
         self._thread.start()
 
     def close(self) -> None:
@@ -185,7 +185,7 @@ class LiveHub:
                 self.take(block)
 
     def take(self, block: Block) -> None:
-        """Make a row of a block."""
+        """Convert a block to a row."""
         low, high, mean, faults = self._row(block)
         windows = torque_windows(block)
         now, clock_s = time.monotonic(), time.time()
@@ -232,7 +232,7 @@ class LiveHub:
             if compensated is not None and len(compensated):
                 put(f"{side}_torque_nm", compensated.value_nm)
                 kept = np.flatnonzero(np.isfinite(compensated.value_nm))
-                if kept.size:  # U of the block's mean, which is the torque shown
+                if kept.size:  # U of the block's mean, which is the displayed torque
                     stated = compensated.at(kept).mean().expanded_uncertainty_nm
                     put(f"{side}_expanded_uncertainty_nm", float(stated[0]))
             put(f"{side}_speed_rpm", block.speed_rad_s(side) * RPM_PER_RAD_S)
@@ -246,9 +246,9 @@ class LiveHub:
         return low, high, mean, faults
 
     def _efficiency(self, mean: NDArray[np.float64]) -> float:
-        """Return power out over power in, in either direction; NaN where it has no meaning.
+        """Return the efficiency, output power by input power in either direction; NaN if undefined.
 
-        It is that of compensated torques: readings of a side without a model give none.
+        It needs compensated torques, so a side without a model gives NaN.
         """
         if self._mounted() != "reducer":
             return float("nan")
@@ -277,7 +277,7 @@ class LiveHub:
 
     @property
     def clock_offset_s(self) -> float:
-        """Function from bench time to the wall clock (s since 1970)."""
+        """Difference between the wall clock (s since 1970) and bench time, s."""
         with self._lock:
             return self._clock_s - self._bench_s
 
@@ -297,9 +297,9 @@ class LiveHub:
         Parameters
         ----------
         sequence : int
-            That of the increment before; 0 for everything that is still there.
+            Sequence number of the previous call; 0 for all stored rows.
         signals : sequence of str, optional
-            Names out of `SIGNALS`; all by default.
+            Names from `SIGNALS`; by default all.
 
         Raises
         ------
@@ -329,7 +329,7 @@ class LiveHub:
     def between(
         self, start_s: float, stop_s: float, signals: Sequence[str] | None = None, points: int = 600
     ) -> LiveTrend:
-        """Return a span of bench time as finely as it is still kept, at most `points` rows.
+        """Return a span of bench time at the finest stored level, reduced to at most `points` rows.
 
         Raises
         ------
@@ -341,7 +341,7 @@ class LiveHub:
         return _trend(sequence, envelope(rows, max(1, min(points, MOST_POINTS))), signals)
 
     def windows(self, signal: str, start_s: float, stop_s: float) -> SignalWindows:
-        """Return every single window of a torque in a span; two minutes are kept.
+        """Return all windows of a torque in a span of the last two minutes.
 
         Raises
         ------
@@ -362,7 +362,7 @@ class LiveHub:
         return SignalWindows(time_s[inside], value_nm[inside])
 
     def latest(self) -> dict[str, LatestValue]:
-        """Return the newest number of every signal with its age."""
+        """Return the newest value of every signal with its age."""
         now = time.monotonic()
         with self._lock:
             newest, seen, faults = self._newest.copy(), self._seen_at.copy(), self._faults

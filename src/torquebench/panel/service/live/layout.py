@@ -14,19 +14,19 @@ __all__ = ["DEFAULT_LAYOUT", "BandLayout", "LiveLayout", "Scale", "Span"]
 Span = Literal["seconds_10", "minute_1", "minutes_10", "hour_1"]
 _SIGNALS = {signal.name: signal for signal in SIGNALS}
 BOTH_SIDES = ("N·m", "rpm", "°", "rad/s²")
-"""Units whose values differ between the sides by the ratio: each side has its own scale."""
+"""Units with a separate scale per side, because the sides' values differ by the ratio."""
 MOST_SCALES = 2
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Scale(BaseModel):
-    """Range of an axis: the values', the bench's, or fixed.
+    """Range of an axis: that of the values, of the bench, or fixed.
 
     Parameters
     ----------
     kind : {"automatic", "range", "fixed"}
     low, high : float
-        Ends where they are fixed, in the axis's unit.
+        Ends of a fixed range, in the axis's unit.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -47,7 +47,7 @@ class Scale(BaseModel):
 
 
 class BandLayout(BaseModel):
-    """One chart of the page: its signals, and the range of its left scale."""
+    """A chart of the live page: its signals, and the range of its left scale."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -70,11 +70,11 @@ class BandLayout(BaseModel):
 
     @property
     def axes(self) -> tuple[tuple[str, str], ...]:
-        """Unit and side (empty where both share it) of each scale, the left one first."""
+        """Unit and side (empty for both) of each scale, the left one first."""
         return tuple(dict.fromkeys(self._axis(name) for name in self.signals))
 
     def axis(self, name: str) -> int:
-        """Scale of a signal: 0 the left one, 1 the right one."""
+        """Return the scale of a signal: 0 is the left one, 1 the right one."""
         return self.axes.index(self._axis(name))
 
     def _axis(self, name: str) -> tuple[str, str]:
@@ -91,7 +91,7 @@ class LiveLayout(BaseModel):
     ----------
     span : str
     bands : tuple of BandLayout
-        From above; those without signals aren't drawn.
+        Charts from top to bottom; those without signals aren't drawn.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")

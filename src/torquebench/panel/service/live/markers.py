@@ -17,15 +17,15 @@ MOST_KEPT = 500
 
 @dataclass(frozen=True)
 class Marker:
-    """A note at a moment.
+    """A note at a time.
 
     Parameters
     ----------
     number : int
-        Counts from 1 since the bench was opened.
+        Number since the bench was opened, from 1.
     bench_time_s : float
     at : datetime.datetime
-        The same moment by the clock, UTC.
+        The same time by the wall clock, UTC.
     note, who : str
     """
 
@@ -45,7 +45,7 @@ class Markers:
         self._count = 0
 
     def add(self, bench_time_s: float, at: datetime, note: str, who: str) -> Marker:
-        """Put a marker.
+        """Add a marker.
 
         Raises
         ------
@@ -65,6 +65,6 @@ class Markers:
         return marker
 
     def all(self) -> list[Marker]:
-        """Return all of them."""
+        """Return all markers."""
         with self._lock:
             return list(self._kept)

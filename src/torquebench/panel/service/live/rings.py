@@ -1,4 +1,4 @@
-"""Ring buffers for live signals: the higher the level, the coarser and longer."""
+"""Ring buffers for live signals at several levels, from fine and short to coarse and long."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Rows:
     time_s : float64[n]
         End of each row in bench time, s.
     low, high, mean : float64[signals, n]
-        NaN where there was no number in the row.
+        Values; NaN marks a missing value in a row.
     """
 
     time_s: Array
@@ -31,13 +31,13 @@ class Rows:
 
 
 class LevelRing:
-    """The newest rows of one level, for one writer; readers copy under the owner's lock.
+    """The newest rows of one level; the owner's lock protects writing and copying.
 
     Parameters
     ----------
     signals : int
     capacity : int
-        Rows that are kept.
+        Largest number of rows.
 
     Examples
     --------
@@ -56,7 +56,7 @@ class LevelRing:
         self._values = np.full((3, signals, capacity), np.nan)
 
     def append(self, time_s: float, low: Array, high: Array, mean: Array) -> None:
-        """Add one row, forgetting the oldest one where the ring is full."""
+        """Add a row, which replaces the oldest one if the ring is full."""
         place = self.count % self.capacity
         self._time[place] = time_s
         self._values[0, :, place] = low
@@ -65,18 +65,18 @@ class LevelRing:
         self.count += 1
 
     def newest(self, rows: int) -> Rows:
-        """Copy of at most this number of newest rows, oldest first."""
+        """Return a copy of the newest rows, up to a number, oldest first."""
         rows = max(0, min(rows, self.count, self.capacity))
         places = np.arange(self.count - rows, self.count) % self.capacity
         values = self._values[:, :, places]
         return Rows(self._time[places], values[0], values[1], values[2])
 
     def last_s(self, seconds: float) -> Rows:
-        """Copy of the rows of the last seconds before the newest one."""
+        """Return a copy of the rows of the last seconds before the newest one."""
         return self.between(self.newest_s - seconds, np.inf)
 
     def between(self, start_s: float, stop_s: float) -> Rows:
-        """Copy of the rows that end within a span of bench time."""
+        """Return a copy of the rows that end within a span of bench time."""
         kept = self.newest(self.capacity)
         part = slice(
             int(np.searchsorted(kept.time_s, start_s)),
@@ -91,7 +91,7 @@ class LevelRing:
 
     @property
     def oldest_s(self) -> float:
-        """End of the oldest row that is kept, s; 0 before the first."""
+        """End of the oldest stored row, s; 0 before the first."""
         place = max(0, self.count - self.capacity)
         return float(self._time[place % self.capacity]) if self.count else 0.0
 
@@ -102,12 +102,12 @@ class LevelRing:
 
     @property
     def full(self) -> bool:
-        """Whether a further row pushes the oldest one out."""
+        """Whether another row would replace the oldest one."""
         return self.count >= self.capacity
 
 
 class TrendMemory:
-    """Rows at several levels: every coarser level keeps lowest and highest of the finer one.
+    """Rows at several levels; a coarser level keeps lowest and highest values of the finer one.
 
     A spike of a single window is therefore visible in a trend of an hour.
 
@@ -125,7 +125,7 @@ class TrendMemory:
         self._factors = factors
 
     def append(self, time_s: float, low: Array, high: Array, mean: Array) -> None:
-        """Add one row to the finest level, and to coarser ones as their time comes."""
+        """Add a row to the finest level, and to coarser levels when enough rows are complete."""
         self.levels[0].append(time_s, low, high, mean)
         for level, factor in enumerate(self._factors):
             finer = self.levels[level]
@@ -140,14 +140,14 @@ class TrendMemory:
             )
 
     def last_s(self, seconds: float) -> Rows:
-        """Rows of the finest level that still holds so many seconds, or of the coarsest."""
+        """Return the last seconds from the finest level that covers them, or from the coarsest."""
         for level in self.levels:
             if level.covered_s >= seconds or not level.full:
                 return level.last_s(seconds)
         return self.levels[-1].last_s(seconds)
 
     def between(self, start_s: float, stop_s: float) -> Rows:
-        """Rows of a span of the finest level that still holds its beginning, or of the coarsest."""
+        """Return rows of a span from the finest level with its beginning, or the coarsest."""
         for level in self.levels:
             if not level.full or level.oldest_s <= start_s:
                 return level.between(start_s, stop_s)
@@ -155,7 +155,7 @@ class TrendMemory:
 
 
 def nan_mean(values: Array) -> Array:
-    """Mean over the last axis without NaN; NaN without any.
+    """Return the mean over the last axis without NaN; NaN if there are only NaN.
 
     Examples
     --------
@@ -169,7 +169,7 @@ def nan_mean(values: Array) -> Array:
 
 
 def envelope(rows: Rows, points: int) -> Rows:
-    """Merge neighbouring rows into at most `points`, keeping every extreme.
+    """Merge neighbouring rows into at most `points` rows, keeping every extreme.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The present state of the bench, in values ready for display."""
+"""The present state of the bench as values for display."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class CompensationState:
     made : datetime.datetime
         When it was fitted, UTC.
     due : datetime.date or None
-        Last day on which its calibration counts.
+        Last day on which its calibration is valid.
     valid : bool
         Whether that day hasn't passed.
     """
@@ -61,9 +61,9 @@ class SideSummary:
     range_nm, limit_nm, limit_rpm : float
     transducer_serial : str
     compensation : CompensationState or None
-        None where the raw reading is all there is.
+        None if the side isn't compensated.
     compensation_problem : str
-        Reason for a missing value, in words.
+        Reason for a missing compensation.
     """
 
     side: Side
@@ -82,11 +82,11 @@ class SideSnapshot(SideSummary):
     Parameters
     ----------
     torque : LatestValue
-        Compensated where `compensation` is, else the raw reading, N·m.
+        Compensated torque if there is a compensation, else the raw reading, N·m.
     expanded_uncertainty : LatestValue
-        Expanded (k = 2), N·m; without value where nothing is compensated.
+        Expanded uncertainty (k = 2), N·m; without a value if the side isn't compensated.
     raw, reference, speed, angle, temperature : LatestValue
-        N·m, N·m, rpm, °, °C.
+        Values in N·m, N·m, rpm, ° and °C.
     """
 
     torque: LatestValue
@@ -100,28 +100,28 @@ class SideSnapshot(SideSummary):
 
 @dataclass(frozen=True, kw_only=True)
 class BenchSummary:
-    """The bench right now, without its sides.
+    """The present state of the bench, without its sides.
 
     Parameters
     ----------
     bench_name : str
     simulated : bool
-        Every figure is then labelled.
+        Whether the bench is simulated; every value must then be labelled.
     connection : {"live", "stale", "lost"}
     connection_problem : str
-        Why it isn't live, in words.
+        Why the connection isn't live.
     bench_time_s, age_s : float
         Bench time of the newest block, and its age, s.
     sequence : int
-        Of the live hub's newest row.
+        Sequence number of the live hub's newest row.
     mounted : str
-        Between the flanges.
+        What is mounted between the flanges.
     alarms : int
         Number of active alarms.
     stopped : bool
-        Whether a critical alarm is latched: nothing moves until it is acknowledged.
+        Whether a critical alarm is latched, which prevents movements until it is acknowledged.
     job_id : str or None
-        The job under way.
+        The running job.
     commanded_by : str or None
         Who holds the command lease.
     """
@@ -142,15 +142,15 @@ class BenchSummary:
 
 @dataclass(frozen=True, kw_only=True)
 class BenchSnapshot(BenchSummary):
-    """The bench right now.
+    """The present state of the bench.
 
     Parameters
     ----------
     sides : mapping of side to SideSnapshot
     efficiency : LatestValue
-        %; without value where it has no meaning.
+        Efficiency in %; without a value if it is undefined.
     paused : bool
-        Whether the job under way is paused.
+        Whether the running job is paused.
     """
 
     sides: Mapping[Side, SideSnapshot]
@@ -193,7 +193,7 @@ def side_snapshots(
     for side in SIDES:
         module = station.description.module(side)
         state, problem = states[side]
-        # the certificate may have expired meanwhile
+        # the calibration may have expired meanwhile
         if state is not None and state.due is not None:
             state = replace(state, valid=datetime.now(UTC).date() <= state.due)
         raw = values[f"{side}_raw_nm"]

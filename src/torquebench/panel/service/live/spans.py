@@ -15,22 +15,22 @@ __all__ = ["Histogram", "Spectrum", "histogram", "spectrum"]
 
 Array = NDArray[np.float64]
 LEAST_WINDOWS = 16
-"""Fewer values give no spectrum."""
+"""Smallest number of windows for a spectrum."""
 LARGEST_GAP = 1.5
-"""Largest gap between neighbouring windows, in steps: beyond it the rate isn't even."""
+"""Largest distance between neighbouring windows of an even rate, in steps."""
 
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Amplitudes of a signal over frequency, its mean subtracted.
+    """Amplitude spectrum of a signal without its mean.
 
     Parameters
     ----------
     frequency_hz : float64[n]
     amplitude_nm : float64[n]
-        Peak value of a sine of that frequency, N·m.
+        Amplitude of a sine of that frequency, N·m.
     resolution_hz : float
-        Smallest distance of two resolved sines.
+        Smallest frequency difference between two resolved sines.
     """
 
     frequency_hz: Array
@@ -40,12 +40,12 @@ class Spectrum:
 
 @dataclass(frozen=True, eq=False)
 class Histogram:
-    """How often values occur.
+    """Histogram of a signal's values.
 
     Parameters
     ----------
     centre_nm : float64[n]
-        Of each class, N·m.
+        Centre of each class, N·m.
     count : int64[n]
     mean_nm, deviation_nm : float
         Mean and standard deviation, N·m.
@@ -58,7 +58,7 @@ class Histogram:
 
 
 def _whole(time_s: Array, value_nm: Array) -> tuple[Array, Array]:
-    """Return the longest part without a gap."""
+    """Return the longest part of a record without a gap."""
     there = np.isfinite(value_nm)
     time_s, value_nm = time_s[there], value_nm[there]
     if time_s.size < LEAST_WINDOWS:
@@ -106,7 +106,7 @@ def spectrum(time_s: Array, value_nm: Array) -> Spectrum:
 
 
 def histogram(value_nm: Array, classes: int = 40) -> Histogram:
-    """Return how often values occur, in classes of equal width.
+    """Return the histogram of values in classes of equal width.
 
     Raises
     ------

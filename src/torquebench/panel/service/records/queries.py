@@ -1,4 +1,4 @@
-"""Records for pages and clients: identifiers in, values out, never a path from a request."""
+"""Queries of records for pages and clients by identifiers; requests never contain a path."""
 
 from __future__ import annotations
 
@@ -94,11 +94,11 @@ class RecordQueries:
         Parameters
         ----------
         text : str
-            Anywhere in identifier, kind, operator or profile.
+            Words in identifier, kind, operator or profile.
         kind, side, status : str, optional
-            Exactly this one; `kind` may also be a beginning, such as "calibrate".
+            Exact value; `kind` may also be the beginning of a kind, such as "calibrate".
         since, until : datetime.datetime, optional
-            Of the start, with time zone.
+            Range of the start time, with time zone.
         limit, offset : int
         """
         run: Any = RunSummary
@@ -124,7 +124,7 @@ class RecordQueries:
         return RunPage(tuple(runs), total, offset, (behind,) if behind else ())
 
     def _doubt(self, runs: Sequence[RunSummary]) -> None:
-        """State the implausible times of runs."""
+        """Add the implausible times to runs."""
         doubts = doubts_of_runs(self._registry, [run.run_id for run in runs])
         for run in runs:
             run.doubts = doubts.get(run.run_id, ())
@@ -136,12 +136,12 @@ class RecordQueries:
         ----------
         run_id : str
         check : bool
-            Whether to compare its files with the hashes of when it was sealed.
+            Whether to compare its files with the hashes in its seal.
 
         Raises
         ------
         NotFoundError
-            There is none with this identifier.
+            No run has this identifier.
         RecordError
             Its folder is missing.
         """
@@ -157,7 +157,7 @@ class RecordQueries:
         changes: list[str] = []
         if check and run.finished is not None:
             changes = folder_changes(run.folder, run.manifest_sha256)
-        if folder.sealed:  # with its template, for the translation
+        if folder.sealed:  # as a message with template, for the translation
             run.reason = folder.manifest["reason"]
         return RunDetail(
             run,
@@ -186,17 +186,17 @@ class RecordQueries:
         return tuple(name for name in raw.columns if name != "time_s")
 
     def run_trend(self, run_id: str, columns: Sequence[str], points: int = 1000) -> Rows:
-        """Return raw samples of a run over time, reduced so that no extreme is lost.
+        """Return raw samples of a run over time, reduced without losing extremes.
 
         Returns
         -------
         Rows
-            In the order of `columns`.
+            Rows with the signals in the order of `columns`.
 
         Raises
         ------
         NotFoundError
-            There is no such run or column.
+            The run or a column doesn't exist.
         """
         raw = RunFolder.open(self._run(run_id).folder).raw().columns
         for name in columns:
@@ -217,9 +217,9 @@ class RecordQueries:
         Raises
         ------
         NotFoundError
-            There is none with this identifier.
+            No run has this identifier.
         RecordError
-            It isn't sealed.
+            The run isn't sealed.
         """
         summary = self._run(run_id)
         with tempfile.TemporaryDirectory(prefix="torquebench-") as scratch:
@@ -241,7 +241,7 @@ class RecordQueries:
         Raises
         ------
         NotFoundError
-            There is none with this identifier.
+            No run has this identifier.
         InputError
             The format needs an extra that isn't installed, or the run has no such stream.
         """
@@ -262,7 +262,7 @@ class RecordQueries:
         return self._doubted(self._registry.calibrations(transducer_serial, limit=limit))
 
     def _doubted(self, entries: list[CalibrationEntry]) -> list[CalibrationEntry]:
-        """Return calibrations with their expired standards and implausible times."""
+        """Add doubts to calibrations: expired standards and implausible times."""
         numbers = [entry.calibration_id for entry in entries]
         doubts = doubts_of_calibrations(self._registry, numbers)
         for entry in entries:
@@ -275,7 +275,7 @@ class RecordQueries:
         Raises
         ------
         NotFoundError
-            There is none with this number.
+            No record has this number.
         """
         try:
             entry = self._registry.calibration(calibration_id)
@@ -305,16 +305,16 @@ class RecordQueries:
         )
 
     def unfinished(self) -> list[UnfinishedView]:
-        """Return the runs that aren't finished and that no process writes, the oldest first."""
+        """Return the unfinished runs that no process is writing, the oldest first."""
         return [
             UnfinishedView(run.run_id, run.kind, run.state.value, run.found, run.remedy)
             for run in unfinished_runs(self._registry)
         ]
 
     def interrupted(self, run_id: str = "") -> InterruptedView | None:
-        """Return a run that can be resumed; by default the newest calibration, if it is one.
+        """Return a run that can be resumed, by default the newest calibration; else None.
 
-        None if there is nothing to resume; an attempt to resume states the reason.
+        After None, an attempt to resume states the reason.
         """
         registry = self._registry
         try:
@@ -338,12 +338,12 @@ class RecordQueries:
         )
 
     def module(self, calibration_id: int) -> CalibratedModule:
-        """Return what a calibration has found, from its run and its models' files.
+        """Return a calibration with points and models, from its run and its models' files.
 
         Raises
         ------
         RecordError
-            It isn't registered, or its records were changed.
+            The calibration isn't registered, or its records were changed.
         """
         return stored_module(self._registry, calibration_id)
 
@@ -352,7 +352,7 @@ class RecordQueries:
         return stored_verification(self._registry, calibration_id)
 
     def models(self, transducer_serial: str | None = None) -> list[ModelEntry]:
-        """Return models, and which of them are in use."""
+        """Return models; their attribute `active` says which are in use."""
         return self._registry.models(transducer_serial)
 
     def model_file(self, model_id: int) -> tuple[bytes, str]:
@@ -361,7 +361,7 @@ class RecordQueries:
         Raises
         ------
         NotFoundError
-            There is none with this number.
+            No record has this number.
         RecordError
             The file is missing or was changed.
         """
@@ -374,14 +374,14 @@ class RecordQueries:
         return entry.check_file().read_bytes(), entry.file.name
 
     def error_curve(self, calibration_id: int, model_id: int | None = None) -> ErrorCurve:
-        """Return the error of a chain over torque, raw and after a model.
+        """Return the error of a chain over torque, raw and compensated by a model.
 
         Raises
         ------
         NotFoundError
-            There is no such calibration, or it has no such model.
+            The calibration doesn't exist, or hasn't got this model.
         RecordError
-            Its run or the model's file was changed.
+            The run or the model's file was changed.
         """
         detail = self.calibration(calibration_id)
         run_id = detail.calibration.run_id
@@ -436,11 +436,11 @@ class RecordQueries:
         return self._registry.certificates()
 
     def checks(self, run_id: str) -> list[CheckEntry]:
-        """Return the check that a run was, if it was one."""
+        """Return the registered check of a run, if it was a check."""
         return self._registry.entries(CheckEntry, run_id=run_id)
 
     def has_report(self, run_id: str) -> bool:
-        """Whether a report of a run is kept as PDF."""
+        """Whether a run has a report as PDF."""
         return bool(RUN_ID.fullmatch(run_id)) and report_path(self._registry, run_id).is_file()
 
     def report_file(self, run_id: str) -> bytes:
@@ -449,7 +449,7 @@ class RecordQueries:
         Raises
         ------
         NotFoundError
-            There is no such run, or it has no report.
+            The run doesn't exist, or has no report.
         """
         if not self.has_report(run_id):
             raise NotFoundError(
@@ -465,7 +465,7 @@ class RecordQueries:
         Raises
         ------
         NotFoundError
-            There is no such certificate, or it has no such file.
+            The certificate doesn't exist, or hasn't got this file.
         RecordError
             The file is missing or was changed.
         """

@@ -1,4 +1,4 @@
-"""Import of calibration tables of other benches: checked, and entered as records.
+"""Import calibration tables of other benches: check and register them.
 
 The input is text. Its size is limited before anything parses it, and neither its content nor its
 name is ever used as a path.
@@ -60,14 +60,14 @@ MOST_LINES = 5000
 LONGEST_LINE = 2000
 LARGEST_NM = 1e9
 MOST_CERTIFIED = 200
-"""Most lines of a standard's certificate."""
+"""Largest number of lines of a standard's certificate."""
 MOST_DEVIATIONS = 200
-"""Most messages shown: a table of another kind causes one a line."""
+"""Largest number of deviations returned; an unsuitable table causes one per line."""
 MOST_READ = 4
-"""Most tables that are read or waited for at a time: each occupies a thread of the panel."""
+"""Largest number of tables read at a time, because each occupies a thread of the panel."""
 _READ = threading.BoundedSemaphore(MOST_READ)
 _LIMITS = Limits(cells=LONGEST_TABLE // 2, mb=16)
-"""Of an upload: as text it has no more than `LONGEST_TABLE` bytes, of which a cell takes two."""
+"""Limits of an upload; a text of `LONGEST_TABLE` bytes has at most half as many cells."""
 
 Request = TypeVar("Request", bound="TableRequest")
 
@@ -85,7 +85,7 @@ class ReferencePoints(CertifiedPoints):
 class TableRequest(BaseModel):
     """A calibration of another bench, as CSV text, and the profile for comparison.
 
-    Without an uncertainty of the standard, that of the table's comments counts.
+    Without an uncertainty of the standard, that in the table's comments applies.
 
     The columns are `reading_nm` and `standard_nm`, in measuring order, and `series`, `branch`,
     `direction`, `nominal_nm`, `position_deg`, `temperature_c`, … if they are known.
@@ -97,12 +97,12 @@ class TableRequest(BaseModel):
     profile: Name = "staircase"
     reference_uncertainty_percent: (
         Annotated[Number, Field(gt=0, le=10, description="% of torque or range")] | None
-    ) = Field(default=None, description="Expanded (k = 2), of the standard, %.")
+    ) = Field(default=None, description="Expanded uncertainty (k = 2) of the standard, %.")
     reference_uncertainty_of: Literal["torque", "range"] | None = Field(
-        default=None, description="What that percentage refers to; needed with it."
+        default=None, description="What the percentage refers to; required with it."
     )
     reference_points: ReferencePoints | None = Field(
-        default=None, description="Instead: the table of the standard's certificate."
+        default=None, description="Table of the standard's certificate, instead of a percentage."
     )
     resolution_nm: Annotated[
         Number, Field(ge=0, le=1e6, description="Resolution of the indication, N·m.")
@@ -137,7 +137,7 @@ class TableRequest(BaseModel):
         return self
 
     def uncertainty(self, points: CalibrationData) -> CertifiedUncertainty:
-        """Return U (k = 2) of the standard over the torque: stated here, or by the table."""
+        """Return U (k = 2) of the standard over torque, from the request or the table."""
         if self.reference_points is not None:
             return self.reference_points.certified()
         if self.reference_uncertainty_percent is None:
@@ -156,11 +156,13 @@ class TableRequest(BaseModel):
 
 
 class EnterTableRequest(TableRequest):
-    """A calibration that was measured elsewhere, with whatever its certificate has to name."""
+    """A calibration of another bench, with the data that its certificate needs."""
 
     called: Needed = Field(default="table.csv", description="Name of the table in the records.")
     transducer_serial: Needed
-    indicator: Needed = Field(description="Counter or amplifier that it was read with.")
+    indicator: Needed = Field(
+        description=("Counter or amplifier with which the transducer was read.")
+    )
     measured_by: Needed = Field(description="A person of the laboratory; see `GET /people`.")
     reference_serial: Needed
     manufacturer: Words = ""
@@ -180,11 +182,11 @@ class TableDirection:
     name : str
         "clockwise" or "counter-clockwise".
     accuracy_class : float or None
-        Over the whole range; None where it keeps none.
+        Class over the whole range; None if no class is met.
     remark : str
         Why there is no class.
     torque_nm : tuple of float
-        Steps, N·m.
+        Torque of the steps, N·m.
     uncertainty_percent : tuple of float
         Expanded relative uncertainty W of each step, %.
     """
@@ -198,7 +200,7 @@ class TableDirection:
 
 @dataclass(frozen=True)
 class TableView:
-    """A table as read and evaluated; it isn't stored.
+    """Result of reading and evaluating a table without storing it.
 
     Parameters
     ----------
@@ -208,19 +210,19 @@ class TableView:
         Whether the table states that its points are simulated.
     profile : str
     standard_nm, error_nm : tuple of float
-        Of every point, in measuring order; the error is reading minus standard, with the zero of
-        the series subtracted.
+        Torque and error of every point, in measuring order; the error is reading minus standard,
+        after subtraction of the series' zero.
     series, branch : tuple of int
     raw : ErrorSummary
-        Of the readings against the standard.
+        Errors of the readings against the standard.
     deviations : tuple of Deviation
-        Where it departs from the profile: the first two hundred.
+        The first two hundred deviations from the profile.
     certifiable : bool
         Whether the profile allows a certificate.
     directions : tuple of TableDirection
-        By the table's steps; empty if it has none.
+        Evaluation of each direction by the table's steps; empty without steps.
     remarks : tuple of str
-        Subtracted zeros, and points that were left out.
+        Remarks on subtracted zeros and omitted points.
     """
 
     points: int
@@ -240,7 +242,7 @@ class TableView:
 
 @dataclass(frozen=True)
 class EnteredTable:
-    """The entered table: a calibration, and the sealed run with the original bytes."""
+    """The registered calibration of a table, and its sealed run with the original file."""
 
     calibration_id: int
     run_id: str
@@ -249,20 +251,20 @@ class EnteredTable:
 def read_table(content: bytes, name: str = "") -> str:
     """Return the text of an uploaded file, for a `TableRequest`.
 
-    A process of its own reads it, for up to 30 s: call it beside an event loop.
+    A separate process reads the file for up to 30 s; don't call this on an event loop.
 
     Parameters
     ----------
     content : bytes
     name : str, optional
-        Its ending gives the format; CSV without one.
+        File name, whose suffix determines the format; by default CSV.
 
     Raises
     ------
     InputError
-        Too large, no table, or it expands beyond the limits.
+        The file is too large, isn't a table, or expands beyond the limits.
     BusyError
-        Others are being read.
+        Too many other tables are being read.
 
     Examples
     --------
@@ -302,18 +304,18 @@ def states_reference(content: str) -> bool:
 
 
 class TableImport:
-    """Looks at tables and enters them.
+    """Previews and registers tables.
 
     Parameters
     ----------
     registry : callable
-        Returns the registry that is open.
+        Returns the open registry.
     settings : SettingsStore
-        Names the profiles.
+        Settings with the profiles.
     note : callable
         Called with an actor, the action, and details.
     people : callable
-        Returns the names of the laboratory's people: one of them has measured.
+        Returns the names of the laboratory's people, one of whom measured.
     """
 
     def __init__(
@@ -331,14 +333,15 @@ class TableImport:
     def preview(self, request: Mapping[str, Any] | TableRequest) -> TableView:
         """Read a table and compare it with its profile, without storing it.
 
-        Takes up to a second for a large table: call it beside an event loop.
+        A large table takes up to a second; don't call this on an event loop.
 
         Raises
         ------
         InputError
-            A wrong field, or an unusable cell of the table, with line and column.
+            A field is invalid, or a cell of the table can't be used; the message names line and
+            column.
         NotFoundError
-            There is no such profile.
+            The profile doesn't exist.
         """
         asked = _validated(TableRequest, request)
         read, profile = self._points(asked)
@@ -364,14 +367,14 @@ class TableImport:
         )
 
     def enter(self, actor: Actor, request: Mapping[str, Any] | EnterTableRequest) -> EnteredTable:
-        """Enter a table as a calibration; models are then fitted to it as to any other.
+        """Register a table as a calibration, to which models can be fitted like to any other.
 
         Raises
         ------
         PermissionDeniedError
-            Not a metrologist.
+            The actor isn't a metrologist.
         InputError, NotFoundError
-            As for `preview`, or these points are entered already.
+            As in `preview`, or these points are registered already.
         RecordError
             The records can't be written.
         """
@@ -429,7 +432,7 @@ def _validated(model: type[Request], request: Mapping[str, Any] | TableRequest) 
 
 
 def _check_size(content: str) -> None:
-    """Refuse a text that would take long to parse."""
+    """Raise an error for a text that would take long to parse."""
     lines = content.splitlines()
     if len(lines) > MOST_LINES:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Records in values for pages and clients, without paths."""
+"""Records as values for pages and clients, without paths."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class RunPage:
-    """A part of the list of runs, and how many there are in all; `doubts` reports a wrong clock."""
+    """A part of the list of runs, and their total number; `doubts` reports a wrong clock."""
 
     runs: tuple[RunSummary, ...]
     total: int
@@ -40,14 +40,14 @@ class RunPage:
 
 @dataclass(frozen=True)
 class RunTable:
-    """The events of one stream of a run: a column a field.
+    """The events of one stream of a run, with one column per field.
 
     Parameters
     ----------
     stream : str
     units : mapping of column to str
     columns : mapping of column to list
-        Without the devices' names where that is unambiguous.
+        Columns by field; the device's name is left out if that is unambiguous.
     """
 
     stream: str
@@ -57,7 +57,7 @@ class RunTable:
 
 @dataclass(frozen=True)
 class RunDetail:
-    """Everything about one run that can be shown.
+    """All data of one run for display.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class RunDetail:
 class CalibrationDetail:
     """A calibration with its models, verifications, reviews and certificates.
 
-    `signed_sha256` is the hash of what a signature under it is about now.
+    `signed_sha256` is the present hash of the records that a signature covers.
     """
 
     calibration: CalibrationEntry
@@ -99,7 +99,7 @@ class CalibrationDetail:
 
 @dataclass(frozen=True)
 class ErrorCurve:
-    """The error of a chain over torque: points of a calibration, raw and after a model.
+    """The error of a chain at a calibration's points, raw and compensated by a model.
 
     Parameters
     ----------
@@ -108,10 +108,10 @@ class ErrorCurve:
     standard_nm, raw_error_nm : tuple of float
         Torque of the standard, and reading minus standard.
     branch : tuple of int
-        +1 up, -1 down.
+        Branch: +1 increasing, -1 decreasing torque.
     model_id : int or None
     model_error_nm : tuple of float
-        Compensated torque minus standard; empty where no model is chosen.
+        Compensated torque minus standard; empty without a model.
     """
 
     calibration_id: int
@@ -131,10 +131,10 @@ class UnfinishedView:
     ----------
     run_id, kind : str
     state : {"left open", "sealed", "measured", "interrupted"}
-        Its state: "interrupted" must be resumed on its bench, the others can be finished without
-        measuring.
+        State of the run: an "interrupted" one must be resumed on its bench, others can be finished
+        without measuring.
     found, remedy : str
-        Its state in words, and the command that finishes it.
+        Description of the state, and the command that finishes the run.
     """
 
     run_id: str
@@ -146,13 +146,13 @@ class UnfinishedView:
 
 @dataclass(frozen=True)
 class InterruptedView:
-    """A calibration that was begun and not finished.
+    """An interrupted calibration.
 
     Parameters
     ----------
     run_id, side, profile : str
     interrupted : datetime.datetime
-        When its last point was taken, UTC.
+        When its last point was measured, UTC.
     points, kept, total : int
         Numbers of measured points, of points that are kept, and of all points.
     """

@@ -1,4 +1,4 @@
-"""Documents as flat keys and values, and the differences between two of them."""
+"""Flatten documents to keys and values, and find the differences between two of them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["Difference", "depth", "differences", "flat", "merged", "nested"]
 
 @dataclass(frozen=True)
 class Difference:
-    """One key whose value differs; `before` or `after` is None where the key isn't there."""
+    """A key with different values; `before` or `after` is None if the key is missing."""
 
     key: str
     before: Any
@@ -19,7 +19,7 @@ class Difference:
 
 
 def flat(document: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return the leaves of a nested document by dotted keys; lists are leaves.
+    """Flatten a nested document to values by dotted keys; lists count as values.
 
     Examples
     --------
@@ -71,7 +71,7 @@ def depth(value: Any) -> int:
 
 
 def nested(leaves: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the document of some leaves: the inverse of `flat`.
+    """Build a nested document from dotted keys, the inverse of `flat`.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Data of settings: sections, their documents, and changes."""
+"""Data types of the settings: sections, documents and changes."""
 
 from __future__ import annotations
 
@@ -67,11 +67,11 @@ class SettingsItem:
     section, name : str
         The bench's name is "bench".
     builtin : bool
-        It comes with the software; copy it under a new name to change it.
+        Whether it is packaged with the software; a copy under a new name can be changed.
     document : mapping
         Its content as JSON.
     version : int
-        Number of the last change; 0 where there is none.
+        Number of the last change; 0 without changes.
     """
 
     section: str
@@ -83,7 +83,7 @@ class SettingsItem:
 
 @dataclass(frozen=True)
 class SettingsChange:
-    """A change that was made, or would be.
+    """A change of the settings, made or previewed.
 
     Parameters
     ----------
@@ -93,9 +93,9 @@ class SettingsChange:
     who, section, name, reason : str
     differences : tuple of Difference
     undoes, undone_by : int or None
-        Number of the change that it takes back, or that has taken it back.
+        Number of the change that this one undoes, or that undid this one.
     reopens : bool
-        Whether the bench has to be opened again for it to count.
+        Whether the bench must be reopened to apply it.
     """
 
     number: int
@@ -116,7 +116,7 @@ def read_upload(content: bytes) -> dict[str, Any]:
     Raises
     ------
     InputError
-        Too large, not UTF-8, or no TOML.
+        The file is too large, or isn't TOML in UTF-8.
 
     Examples
     --------
@@ -138,12 +138,12 @@ def read_upload(content: bytes) -> dict[str, Any]:
 
 
 def find_section(name: str) -> Section:
-    """Return the section of that name.
+    """Return a section by name.
 
     Raises
     ------
     NotFoundError
-        There is none.
+        The section doesn't exist.
     """
     if name not in SECTIONS:
         raise NotFoundError(Message("no settings {name!r}", name[:40]), ", ".join(SECTIONS))
@@ -158,6 +158,6 @@ def builtin_names(section: SectionName) -> tuple[str, ...]:
 
 
 def load_builtin(section: SectionName, name: str) -> BaseModel:
-    """Return a document that comes with the software."""
+    """Load a packaged document."""
     loader: Callable[[str], BaseModel] = load_profile if section == "profiles" else load_reducer
     return loader(name)

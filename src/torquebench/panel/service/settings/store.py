@@ -1,4 +1,4 @@
-"""Settings: every change is validated, previewed, logged, and can be undone.
+"""The settings, whose changes are validated, previewed and logged, and can be undone.
 
 Packaged documents and the bench's file are never changed: the panel stores its changes in its own
 database and applies them on top.
@@ -46,7 +46,7 @@ from torquebench.validation import allowed_at, choices_at, faults_of, validated
 __all__ = ["SettingsStore"]
 
 DEEPEST = 12
-"""Most levels of a document; packaged ones have less than half as many."""
+"""Largest nesting depth of a document; packaged ones have less than half."""
 NAME = re.compile(r"[a-z0-9][a-z0-9.-]{0,62}[a-z0-9]")
 
 _CHANGEABLE = re.compile(
@@ -54,7 +54,7 @@ _CHANGEABLE = re.compile(
     r"|bench\.(name|reducer_ratio)|temperatures"
 )
 _FILES = re.compile(r".*\.certificate")
-"""File names can't be changed over the network, only in the bench's file."""
+"""Keys of file names, which can be changed only in the bench's file, not over the network."""
 
 
 class SettingsStore:
@@ -64,7 +64,7 @@ class SettingsStore:
     ----------
     store : PanelStore
     base : BenchDescription
-        As the bench's own file describes it.
+        Description in the bench's own file.
     """
 
     def __init__(self, store: PanelStore, base: BenchDescription) -> None:
@@ -88,7 +88,7 @@ class SettingsStore:
         Parameters
         ----------
         kind : str
-            As of `operations.field`: "profiles:steps", "profiles:random", "reducers",
+            Kind of names as in `operations.field`: "profiles:steps", "profiles:random", "reducers",
             "reducers:certified".
         """
         section, _, part = kind.partition(":")
@@ -100,7 +100,7 @@ class SettingsStore:
         Raises
         ------
         NotFoundError
-            There is none of this name.
+            No document has this name.
         """
         found = find_section(section)
         with self._store.transaction(reading=True) as connection:
@@ -126,23 +126,23 @@ class SettingsStore:
         return sorted(name for name, after in latest.items() if json.loads(after) is not None)
 
     def turning(self, name: str) -> TurningProfile:
-        """Return a packaged profile of turning, never a file of this computer."""
+        """Return a packaged turning profile by name; a path isn't accepted."""
         return load_turning_profile(name.removesuffix(".toml"))
 
     def profile(self, name: str) -> Profile:
-        """Return a calibration profile by its name, never by a path; see `Library`."""
+        """Return a calibration profile by name; a path isn't accepted."""
         if name in available_profiles():
             return load_profile(name)
         return validated(Profile, self._named("profiles", name), f"profile {name}")
 
     def reducer(self, name: str) -> ReducerDescription:
-        """Return a reducer's description by its name, never by a path; see `Library`."""
+        """Return a reducer's description by name; a path isn't accepted."""
         if name in available_reducers():
             return load_reducer(name)
         return validated(ReducerDescription, self._named("reducers", name), f"reducer {name}")
 
     def _named(self, section: str, name: str) -> Mapping[str, Any]:
-        """Return a document that a request names; one that isn't there is a wrong request."""
+        """Return a document named in a request; a missing one is an input error."""
         try:
             return self.get(section, name).document
         except NotFoundError as error:
@@ -154,7 +154,7 @@ class SettingsStore:
         Raises
         ------
         InputError
-            The bench's own file has changed so that the panel's changes contradict it.
+            The bench's own file was changed and now contradicts the panel's changes.
         """
         document = self.get(BENCH, BENCH).document
         if document == self._base_document:
@@ -180,7 +180,7 @@ class SettingsStore:
         Raises
         ------
         InputError
-            A wrong value, with key and allowed values; or a document that can't be changed here.
+            A value is invalid, which the message describes; or the document can't be changed here.
         """
         before, after, _ = self._checked(section, name, document)
         return SettingsChange(
@@ -188,16 +188,16 @@ class SettingsStore:
         )
 
     def faults(self, section: str, name: str, document: Mapping[str, Any]) -> dict[str, InputError]:
-        """Return the errors of single values of a document, by their dotted keys."""
+        """Return the errors of a document's values by their dotted keys."""
         found = find_section(section)
         return faults_of(found.model, document, f"{section} {name}")
 
     def allowed(self, section: str, key: str, unit: str = "") -> str:
-        """Return the allowed range in words; `unit` is that of a key that doesn't state its own."""
+        """Return the allowed range as text; `unit` is for a key whose name has no unit."""
         return allowed_at(find_section(section).model, key, unit)
 
     def choices(self, section: str, key: str) -> tuple[Any, ...]:
-        """Return the values to choose from; empty where a value is free."""
+        """Return the allowed choices of a value; empty for a free value."""
         return choices_at(find_section(section).model, key)
 
     def fixed(self, section: str, key: str) -> bool:
@@ -219,17 +219,17 @@ class SettingsStore:
         Parameters
         ----------
         version : int, optional
-            Version of the edited item: refuses if it has changed since. Without it, only a change
-            between the check and the write is refused.
+            Version of the edited document; if it has changed since, the change is refused. Without
+            it, only a change between check and writing is noticed.
 
         Raises
         ------
         PermissionDeniedError
-            The role doesn't allow it.
+            The actor's role doesn't allow it.
         InputError
-            As for `preview`, or there is no difference.
+            As in `preview`, or nothing changes.
         BusyError
-            It has been changed meanwhile.
+            The document was changed meanwhile.
         """
         require(actor, find_section(section).role)
         before, after, seen = self._checked(section, name, document)
@@ -251,7 +251,7 @@ class SettingsStore:
             )
         if section != BENCH and not NAME.fullmatch(name):
             raise InputError(Message("name {name!r}", name[:80]), "2 to 64 of a-z 0-9 . -")
-        version = self._version(section, name)  # first, so that any later change is noticed
+        version = self._version(section, name)  # read first, so that any later change is noticed
         try:
             before = dict(self.get(section, name).document)
         except NotFoundError:
@@ -328,7 +328,7 @@ class SettingsStore:
         return self._view(row, found, None)
 
     def _kept(self, section: str, after: dict[str, Any]) -> dict[str, Any] | None:
-        """Return the stored part: for the bench only the differences from its file."""
+        """Return the part to store; for the bench only the differences from its file."""
         if section != BENCH:
             return after or None
         base = flat(self._base_document)
@@ -353,19 +353,19 @@ class SettingsStore:
         ]
 
     def undo(self, actor: Actor, number: int, reason: str = "") -> SettingsChange:
-        """Take a change back, as a further change.
+        """Undo a change, which makes another change.
 
-        Only the keys that it has changed go back; where one of them was changed again since, it
-        is refused.
+        Only the keys of that change are restored; if one of them was changed again since, it is
+        refused.
 
         Raises
         ------
         PermissionDeniedError
-            The role doesn't allow it.
+            The actor's role doesn't allow it.
         NotFoundError
-            There is no change with this number.
+            No change has this number.
         BusyError
-            One of its keys was changed again since.
+            One of the keys was changed again since.
         """
         require(actor, "metrologist")
         with self._store.transaction(reading=True) as connection:
@@ -450,7 +450,7 @@ def _refuse_fixed(found: tuple[Difference, ...]) -> None:
 
 
 def _is_of(document: Mapping[str, Any], part: str) -> bool:
-    """Whether a document belongs to a part of its section."""
+    """Return whether a document belongs to a part of its section."""
     if part in ("steps", "random"):
         pattern = (document.get("loading") or {}).get("pattern")
         return (pattern == "random") == (part == "random")
