@@ -34,7 +34,7 @@ QUESTIONS = {
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run what is named, one after the other; 1 where an aim is missed."""
+    """Run the named benchmarks one after the other; return 1 where an aim is missed."""
     names = list(takewhile(lambda each: not each.startswith("-"), arguments))
     options = list(arguments[len(names) :])
     unknown = [name for name in names if name not in QUESTIONS]

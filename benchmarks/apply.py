@@ -1,7 +1,6 @@
-"""`torquebench apply` beside PyArrow reading and writing the same readings, as whole processes.
+"""`torquebench apply` compared with PyArrow reading and writing the same table, as whole processes.
 
-PyArrow reads the readings and
-writes them again, nothing else: what any program needs for files of this size.
+PyArrow only reads the table and writes it again, the least that any program has to do with it.
 """
 
 import argparse
@@ -39,7 +38,7 @@ else:
 
 
 def make_readings(folder: Path, rows: int) -> dict[str, Path]:
-    """Write an hour-long record of torque as CSV and as Parquet."""
+    """Write a record of the torque over an hour as CSV and as Parquet."""
     time_s = np.round(1e-3 * np.arange(rows), 3)
     rng = np.random.default_rng(1)
     reading = 0.95 * RANGE_NM * np.sin(0.05 * time_s) + rng.normal(0.0, 0.2, rows)
@@ -51,7 +50,7 @@ def make_readings(folder: Path, rows: int) -> dict[str, Path]:
 
 
 def make_chain(file: Path) -> None:
-    """Fit the default kind to the simulated calibration of the examples; write its model file."""
+    """Fit the default model to the examples' simulated calibration; write its model file."""
     data = read_calibration(Path("examples/calibration-output.csv"), range_nm=RANGE_NM)
     model = make_model(RECOMMENDED, range_nm=RANGE_NM).fit(data.features(), data.standard_nm)
     store_model(file, model, data, {})
@@ -69,7 +68,7 @@ def measured(command: list[str]) -> tuple[float, float, float]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure and print one line a format; 1 where an aim is missed."""
+    """Measure and print one line for each format; return 1 where an aim is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="a tenth of the rows, one pair")
     parser.add_argument("--rows", type=int, default=10_000_000)
@@ -83,7 +82,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         chain = folder / "chain.json"
         make_chain(chain)
         print(f"{asked.rows} rows, {os.cpu_count()} cores, median of {asked.repeats} pairs")
-        # in a process of its own: what starts from a large process counts as large itself
+        # in a process of its own, because the memory of a large parent would count for its
+        # children
         with ProcessPoolExecutor(1) as aside:
             files = aside.submit(make_readings, folder, asked.rows).result()
         for ending, source in files.items():

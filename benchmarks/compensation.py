@@ -1,14 +1,14 @@
 """Accuracy, coverage and speed of compensation models, on chains with a known truth.
 
-What ``torquebench fit`` takes by default is compared with every single kind of model of this
-package, with other libraries and with the best that could be done. ``--out`` writes all tables into
-a Markdown file. ``--quick`` takes fewer chains and ends within a minute on two quiet cores; the
-whole run takes some ten minutes.
+The default model of ``torquebench fit`` is compared with every kind of model of this package alone,
+with other libraries, and with a bound: the best possible fit. ``--out`` writes all tables into a
+Markdown file. ``--quick`` takes fewer chains and ends within a minute on two quiet cores; the whole
+run takes some ten minutes.
 
-Times of fits are taken on the first chains of every family. Slow contenders meet the first two
-chains of every family (``--slow-chains``); in ``--quick`` one chain of every third family, at 50
-points only, and a figure from so few chains counts as missed where it lies beyond its limits by
-more than twice its own standard error; the whole run allows nothing.
+Fits are timed on the first chains of every family. Slow contenders are fitted to the first two
+chains of every family only (``--slow-chains``), with ``--quick`` to one chain of every third
+family, at 50 points. With ``--quick``, a figure misses its aim if it lies outside the limits by
+more than twice its standard error; in the whole run, if it lies outside at all.
 
 Errors are over the whole range, both directions and both branches, against the noise-free truth.
 The bound is the fit that is told the chain's exact form and every constant in it but the
@@ -92,7 +92,7 @@ def measure(
 
 @dataclass(frozen=True)
 class Task:
-    """One chain, and who meets it."""
+    """One chain, and the contenders that are fitted to it."""
 
     family: str
     seed: int
@@ -102,10 +102,10 @@ class Task:
 
 
 def run_task(task: Task) -> dict[str, Result]:
-    """Let everyone take part on one chain, taking turns, so that a busy machine slows all."""
+    """Fit all of a task's contenders one after the other, so that other load slows all alike."""
     field = {contender.name: contender for contender in contenders()}
     if task.timed:
-        for name in task.names:  # compiles what needs compiling, and warms up the caches
+        for name in task.names:  # compiles functions and fills the caches
             if not field[name].slow:
                 measure(field[name], task.family, task.seed, task.points)
     return {
@@ -126,7 +126,7 @@ def compare(
     timed_chains: int = TIMED_CHAINS,
     workers: int = 1,
 ) -> dict[str, list[Result]]:
-    """Let everyone take part on every chain; slow contenders on the first ones of every family."""
+    """Fit every contender to all chains, slow ones to the first chains of each family."""
     results: dict[str, list[Result]] = {contender.name: [] for contender in field}
     tasks = [
         Task(

@@ -1,4 +1,4 @@
-"""Who takes part in the comparison of compensation models: own kinds, other libraries, bounds.
+"""Contenders in the comparison of compensation models: own kinds, other libraries, bounds.
 
 Every contender gets the same calibration and gives the torque at any reading, with a standard
 uncertainty where it has one. Other libraries are used as a careful user would: residual mapping
@@ -28,12 +28,12 @@ Prediction = tuple[FloatArray, FloatArray | None]
 Predict = Callable[[FloatArray], Prediction]
 
 HIDDEN = 50
-"""Neurons of every network, as the sources'."""
+"""Neurons of every network, as in the published sources."""
 
 POLYNOMIALS = (2, 3)
 
 DEFAULT = "default of fit"
-"""What ``torquebench fit`` makes of a table without being told a model."""
+"""Contender with the default model of ``torquebench fit``."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,14 @@ class Contender:
     Attributes
     ----------
     name : str
-        As shown.
+        Name in the tables.
     fit : callable
-        From a chain (which only the bounds look into) and its calibration to a prediction.
+        Function of a chain and its calibration that returns a prediction; only the bounds use the
+        chain's true form.
     own : bool
         Whether it is one of this package's kinds of model.
     slow : bool
-        Whether a fit takes a good part of a second.
+        Whether a fit takes longer than a few tenths of a second.
     """
 
     name: str
@@ -64,11 +65,11 @@ MODEL_NAMES = (
     *(f"polynomial-{degree} per direction" for degree in POLYNOMIALS),
     *OTHER_KINDS,
 )
-"""Contenders that are single kinds of model of this package, other than the default's."""
+"""Contenders that are a single kind of model of this package, without the default model."""
 
 
 def contenders() -> list[Contender]:
-    """Return everyone who is installed, bounds first."""
+    """Return all contenders whose library is installed, bounds first."""
     found = [
         Contender("known form", _known(nonlinear=False)),
         Contender("known form, constants unknown", _known(nonlinear=True), slow=True),
@@ -115,7 +116,7 @@ def _own(kind: str, **parameters: Any) -> Callable[[Chain, CalibrationSet], Pred
 
 
 def _default(chain: Chain, data: CalibrationSet) -> Predict:
-    """Go the whole way of the command, from a table to its model."""
+    """Fit the default model to a table, as the command does."""
     reading, branch, series = data.X.T
     table = CalibrationData(
         reading, data.standard_nm, series.astype(np.int64), branch.astype(np.int8), chain.range_nm
@@ -199,7 +200,8 @@ def _scipy_spline(_chain: Chain, data: CalibrationSet) -> Predict:
     from scipy.interpolate import make_smoothing_spline
 
     scaling = _Scaling.of(data)
-    # A coarse display repeats readings, which SciPy's spline wants once: their mean, weighted.
+    # SciPy's spline wants each reading once; a coarse display repeats readings: take weighted
+    # means.
     x, place, number = np.unique(
         scaling.inputs(data.X)[:, 0], return_inverse=True, return_counts=True
     )

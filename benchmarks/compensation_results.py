@@ -1,4 +1,4 @@
-"""What a contender reached on a chain, and the tables that are made of many."""
+"""Results of the contenders on single chains, and tables over many chains."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from benchmarks.compensation_contenders import DEFAULT, MODEL_NAMES
 from benchmarks.reporting import AIMS
 
 EXTREME_OF_TEN = 1.4
-"""Two standard errors of one tenth are 2.8 of the one that is off most: 95 % of the extremes."""
+"""Factor on two standard errors: within 2.8, 95 % of the largest of ten deviations lie."""
 
 Figures = dict[str, tuple[float, float]]
-"""Values by the name of their aim, and by how much chance alone may miss it."""
+"""For each name of an aim, the value and the allowance by which it may miss the aim by chance."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Result:
     worst, rms : float
         Error in % of full scale.
     inside : float64 array of shape (10,)
-        Share of dense readings whose 95 % interval holds the truth, by tenth of the range; NaN
+        Share of dense readings whose 95 % interval contains the truth, by tenth of the range; NaN
         where the contender gives no uncertainty.
     half_width : float
         Mean half-width of the 95 % intervals in % of full scale.
@@ -49,7 +49,7 @@ class Result:
 
 
 def ratios(results: dict[str, list[Result]], name: str, families: Sequence[str]) -> FloatArray:
-    """Return RMS error over the bound's, chain by chain."""
+    """Return the ratio of a contender's RMS error to the bound's, for each chain."""
     bounds = {(bound.family, bound.seed): bound.rms for bound in results["known form"]}
     return np.array(
         [own.rms / bounds[own.family, own.seed] for own in results[name] if own.family in families]
@@ -57,7 +57,7 @@ def ratios(results: dict[str, list[Result]], name: str, families: Sequence[str])
 
 
 def best_other(results: dict[str, list[Result]], family: str) -> tuple[str, float]:
-    """Return the single kind with the least median of RMS error over the bound's, and that."""
+    """Return the single kind of model with the least median error ratio, and this median."""
     names = [name for name in MODEL_NAMES if len(results.get(name, []))]
     medians = {name: ratios(results, name, [family]) for name in names}
     found = {name: float(np.median(values)) for name, values in medians.items() if values.size}
@@ -114,7 +114,7 @@ def _milliseconds(seconds: list[float]) -> str:
 def family_rows(
     outcomes: dict[int, dict[str, list[Result]]], families: Sequence[str]
 ) -> tuple[list[str], list[list[str]]]:
-    """Return headings and cells of the default by family."""
+    """Return headings and cells of the default model's results by family."""
     headings = ["family"]
     for points in outcomes:
         headings += [
@@ -151,7 +151,7 @@ def accuracy_figures(
     points: int,
     errors_allowed: float = 0.0,
 ) -> Figures:
-    """Return the default's errors; medians may miss their aims by `errors_allowed` errors."""
+    """Return errors of the default model; their allowance is `errors_allowed` standard errors."""
     groups: dict[str, Sequence[str]] = {
         "all families": families,
         "families not developed on": ASIDE_FAMILIES,
@@ -180,9 +180,9 @@ def _median_error(values: FloatArray) -> float:
 def interval_figures(
     results: dict[str, list[Result]], own: Sequence[str], points: int, errors_allowed: float = 0.0
 ) -> Figures:
-    """Return the coverage of every model offered, over all and by tenth.
+    """Return the coverage of every model that `fit` offers, over all readings and by tenth.
 
-    ``errors_allowed`` standard errors over the chains may be missing by chance.
+    A coverage may miss its aim by ``errors_allowed`` of its standard errors over the chains.
     """
     figures: Figures = {}
     own = [name for name in own if results[name]]
@@ -215,7 +215,7 @@ def interval_figures(
 
 
 def speed_figures(results: dict[str, list[Result]]) -> Figures:
-    """Return the time of fits to 50 points, against scikit-learn's network."""
+    """Return the time of a fit to 50 points, and its ratio to that of scikit-learn's network."""
     seconds = {
         name: float(np.nanmedian([r.fit_seconds for r in results[name]]))
         for name in ("hybrid", "bayesian-network", "scikit-learn MLPRegressor")

@@ -1,17 +1,17 @@
-"""Contradictions in calibration tables: none in healthy ones, and injected faults found.
+"""Contradictions in calibration tables: false alarms, and detected injected faults.
 
     python -m benchmarks.contradictions --seeds 20
 
 Healthy tables are those of the families of `tests.support.chains` and of `STRANGERS`, which imitate
 other laboratories: weights with errors of their own, aftereffect, dry friction, coarse displays,
-mounting positions, untared zeros, ramps. The examination was developed on the former; the latter
-were drawn up beside it and changed nothing in it.
+mounting positions, untared zeros, ramps. The examination was developed on the chains only; the
+strangers had no influence on it.
 
-Faults are injected at places drawn evenly from the fourth row to the third last, with sizes drawn
-evenly in their logarithm from 3 U to 30 U, where U (k = 2) is that of a further reading, as the
-healthy table allows it. Next to all faults those are counted of which at least 3 U remain after a
-zero, a span, a curvature and a loop of each direction and a drift were fitted: what is smaller
-could be the chain itself, and one table can't tell.
+Faults are injected at random rows from the fourth to the third last, with sizes that are uniformly
+distributed on a logarithmic scale from 3 U to 30 U, where U (k = 2) is that of a further reading,
+estimated from the healthy table. Besides all faults, those are counted separately of which at least
+3 U remain after fitting zero, span, curvature and loop of each direction, and drift: a smaller
+remainder can't be distinguished from a property of the chain by one table.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ FloatArray = NDArray[np.float64]
 FAULTS = ("zero", "scale", "temporary zero", "sign", "stuck", "row")
 LARGEST = 30.0
 POINTS = (24, 50, 100)
-"""Of one loop 0 → +FS → 0 → −FS → 0; two loops have 24 each."""
+"""Points of one loop 0 → +FS → 0 → −FS → 0; with two loops, each has 24."""
 
 
 def chain_table(family: str, seed: int, points: int, loops: int = 1) -> CalibrationData:
-    """Return the calibration of a chain of `tests.support.chains`, with so many points a loop.
+    """Return the calibration of a test chain with `points` points in each loop.
 
     The zero drifts on from loop to loop.
     """
@@ -63,7 +63,7 @@ def chain_table(family: str, seed: int, points: int, loops: int = 1) -> Calibrat
 def _path(
     steps: Sequence[float], cycles: int = 1, both: bool = True
 ) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return torques from zero up and down again, and the number of the series."""
+    """Return torques that rise from zero and fall back, and the number of each torque's series."""
     rise = np.array([0.0, *steps])
     loop = np.concatenate([rise, rise[-2::-1]])
     whole = [loop * sign for sign in ((1.0, -1.0) if both else (1.0,))]
@@ -78,13 +78,13 @@ def _table(
     noise: FloatArray,
     position_deg: FloatArray | None = None,
 ) -> CalibrationData:
-    """Return a table in units of its range, 1 N·m."""
+    """Return a table with a range of 1 N·m."""
     reading, branch = torque - error + noise, infer_branch(torque, series)
     return CalibrationData(reading, torque, series, branch, 1.0, position_deg=position_deg)
 
 
 def _weights(rng: np.random.Generator) -> CalibrationData:
-    """Draw weights on a lever, each with an error of its own; the arm shortens as it tilts."""
+    """Draw a table of weights with errors of their own, on a lever that shortens as it tilts."""
     steps = np.linspace(0.1, 1.0, 10)
     own = dict(
         zip([0.0, *steps.tolist()], [0.0, *np.cumsum(4e-4 * rng.normal(size=10))], strict=True)
@@ -95,7 +95,7 @@ def _weights(rng: np.random.Generator) -> CalibrationData:
 
 
 def _aftereffect(rng: np.random.Generator) -> CalibrationData:
-    """Draw rubber and glue: the reading follows the torque with a lag of some steps."""
+    """Draw a table of rubber and glue: the reading lags the torque by some steps."""
     torque, series = _path(np.linspace(0.05, 1.0, 20).tolist())
     lag = rng.uniform(1.0, 8.0)
     slow, behind = 0.0, []
@@ -107,7 +107,7 @@ def _aftereffect(rng: np.random.Generator) -> CalibrationData:
 
 
 def _friction(rng: np.random.Generator) -> CalibrationData:
-    """Draw bearings with dry friction: a loop of some per cent that turns over at once."""
+    """Draw a table of bearings with dry friction: a loop of some per cent that reverses at once."""
     torque, series = _path(np.linspace(0.1, 1.0, 10).tolist(), int(rng.integers(1, 3)))
     branch = infer_branch(torque, series)
     loss = rng.uniform(0.002, 0.02) * (0.3 + np.abs(torque)) * branch * np.sign(torque)
@@ -116,7 +116,7 @@ def _friction(rng: np.random.Generator) -> CalibrationData:
 
 
 def _display(rng: np.random.Generator) -> CalibrationData:
-    """Draw a display of a few hundred steps."""
+    """Draw a table of a display with a few hundred steps."""
     torque, series = _path(np.linspace(0.05, 1.0, 20).tolist())
     table = _table(
         torque, series, 0.02 * rng.normal() * torque, 1e-3 * rng.normal(size=torque.size)
@@ -126,7 +126,7 @@ def _display(rng: np.random.Generator) -> CalibrationData:
 
 
 def _proportional(rng: np.random.Generator) -> CalibrationData:
-    """Draw noise of some tenths of a per cent of the torque, next to nothing at zero."""
+    """Draw a table with noise of some tenths of a per cent of the torque, almost none at zero."""
     torque, series = _path(np.linspace(0.04, 1.0, 25).tolist())
     noise = (1e-5 + rng.uniform(5e-4, 5e-3) * np.abs(torque)) * rng.normal(size=torque.size)
     return _table(
@@ -135,7 +135,7 @@ def _proportional(rng: np.random.Generator) -> CalibrationData:
 
 
 def _positions(rng: np.random.Generator) -> CalibrationData:
-    """Draw three or four mounting positions, each with its own span and zero."""
+    """Draw a table of three or four mounting positions, each with its own span and zero."""
     steps = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0]
     places = [0.0, 0.0, 120.0, 240.0][: rng.integers(3, 5)]
     torque, series = _path(steps, len(places), both=False)
@@ -148,7 +148,7 @@ def _positions(rng: np.random.Generator) -> CalibrationData:
 
 
 def _untared(rng: np.random.Generator) -> CalibrationData:
-    """Draw zeros of some per cent, another one for each series."""
+    """Draw a table with untared zeros of some per cent, different in each series."""
     torque, series = _path(np.linspace(0.1, 1.0, 10).tolist(), 2)
     zeros = 0.05 + 0.02 * rng.normal(size=int(series.max()) + 1)
     error = zeros[series] + 0.003 * torque * np.abs(torque)
@@ -156,21 +156,21 @@ def _untared(rng: np.random.Generator) -> CalibrationData:
 
 
 def _rising(rng: np.random.Generator) -> CalibrationData:
-    """Draw eleven rising points."""
+    """Draw a table of eleven rising points."""
     torque = np.linspace(0.0, 1.0, 11)
     error = 0.01 * rng.normal() + 0.02 * rng.normal() * torque + 0.01 * rng.normal() * torque**2
     return _table(torque, np.ones(11, dtype=np.int64), error, 3e-4 * rng.normal(size=11))
 
 
 def _few(rng: np.random.Generator) -> CalibrationData:
-    """Draw six to ten points up and down."""
+    """Draw a table of six to ten points up and down."""
     torque, series = _path(np.linspace(0.0, 1.0, int(rng.integers(4, 7)))[1:].tolist(), both=False)
     error = 0.01 * rng.normal() * torque + 0.003 * rng.normal() * torque * (1 - torque)
     return _table(torque, series, error, 5e-4 * rng.normal(size=torque.size))
 
 
 def _air(rng: np.random.Generator) -> CalibrationData:
-    """Draw a zero that swings with the air conditioning."""
+    """Draw a table whose zero swings with the air conditioning."""
     torque, series = _path(np.linspace(0.05, 1.0, 20).tolist(), 2)
     time = np.arange(torque.size) / torque.size
     swing = 6e-4 * np.sin(2 * np.pi * (rng.uniform(1.5, 5.0) * time + rng.uniform()))
@@ -178,7 +178,7 @@ def _air(rng: np.random.Generator) -> CalibrationData:
 
 
 def _converter(rng: np.random.Generator) -> CalibrationData:
-    """Draw a converter with steps of its own code, repeated over the range."""
+    """Draw a table of a converter whose code errors repeat over the range."""
     torque, series = _path(np.linspace(0.02, 1.0, 50).tolist())
     width = rng.uniform(0.05, 0.15)
     return _table(
@@ -187,7 +187,7 @@ def _converter(rng: np.random.Generator) -> CalibrationData:
 
 
 def _uneven(rng: np.random.Generator) -> CalibrationData:
-    """Draw spans that differ by some per cent over the directions, and a step between them."""
+    """Draw a table with spans that differ by some per cent, and a step between directions."""
     torque, series = _path(np.linspace(0.1, 1.0, 10).tolist())
     error = np.where(torque > 0, 0.03, -0.02) * rng.uniform(0.3, 1.5) * torque
     error = error + 0.003 * rng.normal() * np.sign(torque)
@@ -195,7 +195,7 @@ def _uneven(rng: np.random.Generator) -> CalibrationData:
 
 
 def _ramp(rng: np.random.Generator) -> CalibrationData:
-    """Draw six hundred points of a slow ramp, whose noise is correlated."""
+    """Draw a table of a slow ramp: six hundred points with correlated noise."""
     torque = np.concatenate([np.linspace(0, 1, 300), np.linspace(1, 0, 300)])
     noise = np.zeros(600)
     for k in range(1, 600):
@@ -206,14 +206,14 @@ def _ramp(rng: np.random.Generator) -> CalibrationData:
 
 
 def _scale(rng: np.random.Generator) -> CalibrationData:
-    """Draw an amplifier that was never adjusted: a span 10 to 30 % wrong, and a cubic."""
+    """Draw a table of an unadjusted amplifier: span wrong by 10 to 30 %, cubic deviation."""
     torque, series = _path(np.linspace(0.1, 1.0, 10).tolist())
     error = rng.choice([-1, 1]) * rng.uniform(0.1, 0.3) * torque + 0.01 * torque**3
     return _table(torque, series, error, 3e-4 * rng.normal(size=torque.size))
 
 
 def _spikes(rng: np.random.Generator) -> CalibrationData:
-    """Draw two per cent of readings far off."""
+    """Draw a table in which two per cent of the readings are outliers."""
     torque, series = _path(np.linspace(0.04, 1.0, 25).tolist())
     noise = 2e-4 * rng.normal(size=torque.size)
     noise += np.where(rng.random(torque.size) < 0.02, 6e-3 * rng.normal(size=torque.size), 0.0)
@@ -221,7 +221,7 @@ def _spikes(rng: np.random.Generator) -> CalibrationData:
 
 
 def _clearance(rng: np.random.Generator) -> CalibrationData:
-    """Draw a coupling with clearance: nothing is read up to some per cent."""
+    """Draw a table of a coupling with clearance: the reading stays zero up to some per cent."""
     torque, series = _path(np.linspace(0.05, 1.0, 20).tolist())
     gap = rng.uniform(0.005, 0.02)
     error = np.clip(torque, -gap, gap)
@@ -229,14 +229,14 @@ def _clearance(rng: np.random.Generator) -> CalibrationData:
 
 
 def _scattered(rng: np.random.Generator) -> CalibrationData:
-    """Draw torques in no order."""
+    """Draw a table whose torques are in random order."""
     torque = rng.uniform(-1.0, 1.0, 40)
     error = 0.004 * torque + 0.002 * np.sign(torque) + 0.003 * torque**2
     return _table(torque, np.ones(40, dtype=np.int64), error, 2e-4 * rng.normal(size=40))
 
 
 def _exact(rng: np.random.Generator) -> CalibrationData:
-    """Draw numbers without noise, as in an example."""
+    """Draw a table without noise, as in a made-up example."""
     torque, series = _path([0.25, 0.5, 0.75, 1.0], int(rng.integers(1, 4)))
     return _table(torque, series, 0.01 * rng.normal() * torque, np.zeros(torque.size))
 
@@ -261,7 +261,7 @@ STRANGERS: dict[str, Callable[[np.random.Generator], CalibrationData]] = {
     "scattered": _scattered,
     "exact": _exact,
 }
-"""Tables as other laboratories make them; nothing in the examination was changed for them."""
+"""Tables as other laboratories make them; the examination wasn't adapted to them."""
 
 
 def stranger(family: str, seed: int) -> CalibrationData:
@@ -275,7 +275,7 @@ def stranger(family: str, seed: int) -> CalibrationData:
 def inject(
     data: CalibrationData, kind: str, size_nm: float, rng: np.random.Generator
 ) -> tuple[CalibrationData, slice]:
-    """Return a table with a fault, and its rows."""
+    """Return a table with an injected fault, and the fault's rows."""
     n = len(data)
     first = int(rng.integers(3, n - 2))
     rows, sign = slice(first, n), float(rng.choice([-1, 1]))
@@ -307,10 +307,10 @@ def inject(
 
 
 def remaining(data: CalibrationData, effect: FloatArray) -> float:
-    """Return the largest part of a fault that isn't the shape of a healthy chain.
+    """Return the largest part of a fault's effect that no property of a healthy chain can explain.
 
-    That has a zero, a span, a curvature and a loop in each direction, and a drift; the loop is
-    elastic or of dry friction, so that each branch has a line of its own.
+    A healthy chain may have a zero, span, curvature and loop in each direction, and a drift; the
+    loop is elastic or caused by dry friction, so that each branch has a line of its own.
     """
     u, direction = data.standard_nm / data.range_nm, data.loading_direction()
     columns = [np.linspace(0.0, 1.0, u.size)]
@@ -325,18 +325,18 @@ def remaining(data: CalibrationData, effect: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class Trial:
-    """One table with one fault, or without: what was said of it."""
+    """One table, with or without a fault, and the examination's findings."""
 
     family: str
     fault: str
     size: float
-    """In U; what remains of it beside zero, span and loop of each direction is `apparent`."""
+    """Size of the fault in U; `apparent` is the part that a healthy chain can't explain, in U."""
     apparent: float
     refused: bool
     named: bool
-    """Refused or doubted."""
+    """Whether the table is refused or doubted."""
     placed: bool
-    """Named at the right rows."""
+    """Whether the fault is found at the right rows."""
     rows_left_out: int
 
 
@@ -348,9 +348,10 @@ def trial(
     seed: int,
     least: float = 0.0,
 ) -> Trial | None:
-    """Return what is said of a table with a fault.
+    """Examine a table with an injected fault, and return the findings.
 
-    None where it can't be injected, or where less than `least` U of it remain beside the chain.
+    None where the fault can't be injected, or where a healthy chain could explain all but less than
+    `least` U of it.
     """
     if not fault:
         refused = bool(healthy.disagreements)
@@ -383,7 +384,7 @@ def trial(
 
 
 def _placed(result: Examination, rows: slice, changed: NDArray[np.bool_]) -> bool:
-    """Return whether the right rows are named, but for one; a part or all others is the same.
+    """Return whether the fault's rows are named, or all others, with at most one row wrong.
 
     Rows that the fault changes by less than U may be named or not.
     """
@@ -429,7 +430,7 @@ def _measured(task: tuple[str, str, int, int]) -> tuple[str, list[Trial]]:
 
 
 def _shares(trials: Sequence[Trial]) -> str:
-    """Return the shares of faults that are named, placed and refused, in words."""
+    """Return the shares of faults named, found at the right rows, and refused, as text."""
     values = {
         title: float(np.mean([getattr(each, name) for each in trials]))
         for title, name in (("named", "named"), ("right rows", "placed"), ("refused", "refused"))
@@ -438,7 +439,7 @@ def _shares(trials: Sequence[Trial]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print how many healthy tables are refused, and how many faults are found."""
+    """Print how many healthy tables are refused, and how many faults are detected."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=0, help="seed")

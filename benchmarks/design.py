@@ -1,9 +1,10 @@
-"""How many well-placed calibration points are worth 200 even ones.
+"""How many well-placed calibration points are worth 200 evenly spaced ones.
 
 On chains with a known truth, a coarse calibration of 24 points is extended a dozen points at a
-time, each time where `propose_points` says, and compared with even calibrations after every
-extension: worst and root mean square error against the truth, and the largest standard uncertainty
-that the model itself states, each the median over the chains, with the recommended model.
+time, at the torques that `propose_points` proposes, and after every extension compared with evenly
+spaced calibrations: worst and root mean square error against the truth, and the largest standard
+uncertainty that the model itself states, each the median over the chains, with the recommended
+model.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ COARSE, EVEN = 24, (50, 100, 150, 200)
 def fit(chain: Chain, X: FloatArray, y: FloatArray) -> CompensationModel:
     """Fit the recommended model."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # an outlier is part of the game
+        warnings.simplefilter("ignore")  # random noise may contain outliers
         return make_model(RECOMMENDED, range_nm=chain.range_nm).fit(X, y)
 
 
@@ -49,7 +50,7 @@ def errors(chain: Chain, model: CompensationModel) -> tuple[float, float, float]
 def load(
     chain: Chain, proposal: Proposal, generator: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Load the proposed points as a bench does: not quite met, with noise."""
+    """Return readings and torques of proposed points, with a bench's loading error and noise."""
     missed = LOADING_ACCURACY * chain.range_nm * generator.uniform(-1, 1, proposal.branch.size)
     torque = np.clip(proposal.nominal_nm + missed, -chain.range_nm, chain.range_nm)
     torque = np.where(torque * proposal.nominal_nm < 0, -torque, torque)
@@ -62,7 +63,7 @@ def load(
 def extend(
     chain: Chain, criterion: Criterion, step: int, most: int
 ) -> dict[int, tuple[float, float, float]]:
-    """Extend a coarse calibration step by step."""
+    """Extend a coarse calibration step by step; return the errors by number of points."""
     data = chain.calibration(COARSE)
     X, y = data.X, data.standard_nm
     generator = np.random.default_rng([chain.seed, 99])
@@ -79,7 +80,7 @@ def extend(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, print, and return 1 where 200 even points aren't reached with fewer."""
+    """Measure and print; return 1 unless fewer points reach the errors of 200 even points."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two chains a family, larger steps")
     parser.add_argument("--criterion", choices=("worst", "integrated"), default="worst")

@@ -1,4 +1,4 @@
-"""Dynamic filters: speed beside PyDynamic 2.5.1, and bandwidth of a step, in one run."""
+"""Dynamic filters: speed compared with PyDynamic 2.5.1, and bandwidth of a step response."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _U = np.diag([2.0**2, 0.003**2, (2e-6) ** 2, (2e-6) ** 2])
 
 
 def speeds(samples: int, repeats: int) -> list[tuple[str, float, float]]:
-    """Return case, our samples per second and how many times as many that is."""
+    """Return for each case its name, our samples per second, and the ratio to PyDynamic's."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         from PyDynamic.uncertainty.propagate_filter import FIRuncFilter

@@ -1,9 +1,9 @@
-"""Uncertainty of a reducer's efficiency on the simulated bench, and whether it holds.
+"""Uncertainty of a reducer's efficiency on the simulated bench, and the coverage of its intervals.
 
-Both modules of nominal benches are calibrated against the calibrator, as ``calibrate both`` does,
-and a specimen is put to ``test efficiency``: warmed up, in both directions, three repeats and more,
-an empty run subtracted. U (k = 2) of each efficiency is compared with the aims, and the error with
-the true efficiency of the twin.
+Both modules of nominal benches are calibrated against the calibrator, as ``calibrate both`` does;
+then the efficiency of a specimen is tested, as ``test efficiency`` does: warmed up, in both
+directions, with at least three repeats, less an empty run. U (k = 2) of each efficiency is compared
+with the aims, and the error with the true efficiency of the twin.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ LOW = _AIMS["U below half the rated torque, %"].high
 HIGH = _AIMS["U from half the rated torque on, %"].high
 COVERAGE = (100.0 * _AIMS["coverage"].low, 100.0 * _AIMS["coverage"].high)
 SHOWN = 0.0005
-"""Least contribution in the table, % of the efficiency."""
+"""Smallest contribution that the table lists, % of the efficiency."""
 PROFILES = {"standard": "rapid-in-situ", "rv-40e": "small-torques"}
-"""How both modules are calibrated for a reducer: by the torques that it needs."""
+"""Calibration profile of both modules for each reducer, chosen for the torques of its tests."""
 
 
 @dataclass(frozen=True)
@@ -58,11 +58,11 @@ class Point:
     ----------
     seed : int
     share : float
-        Of the rated torque.
+        Torque as a share of the rated torque.
     both : bool
-        Mean of both directions.
+        Whether it is the mean of both directions.
     found, truth, expanded : float
-        In %.
+        Measured and true efficiency, and U (k = 2), in %.
     parts : mapping of str to float
         Contributions to u, in % of the efficiency.
     """
@@ -92,7 +92,7 @@ class Point:
 
 
 def one_bench(reducer: str, folder: Path | None, seed: int) -> list[Point]:
-    """Calibrate a bench, put its specimen to the test, and return every efficiency."""
+    """Calibrate a bench, test the efficiency of its specimen, and return every efficiency."""
     kept = None if folder is None else folder / f"{reducer}-{seed}.json"
     if kept is not None and kept.exists():
         return [Point(**each) for each in json.loads(kept.read_text())]
@@ -133,7 +133,7 @@ def one_bench(reducer: str, folder: Path | None, seed: int) -> list[Point]:
 
 
 def coverage(points: Sequence[Point]) -> float:
-    """Return how many intervals hold the truth, %."""
+    """Return the share of the intervals that contain the truth, %."""
     return 100.0 * float(np.mean([abs(each.error) <= each.relative for each in points]))
 
 
@@ -188,7 +188,7 @@ def budget_of(points: Sequence[Point]) -> list[tuple[str, ...]]:
 
 
 def missed(points: Sequence[Point]) -> list[str]:
-    """Return the aims that means of both directions miss, in words."""
+    """Return a sentence for each aim that the means of both directions miss."""
     said = []
     for low, high, largest in ((0.0, HALF, LOW), (HALF, 2.0, HIGH)):
         worst = max(each.relative for each in points if each.both and low <= each.share < high)
@@ -203,7 +203,8 @@ def report(console: Console, reducer: str, points: Sequence[Point]) -> tuple[lis
     title = f"{kind.name}, {kind.rated_torque_nm:g} N·m: {benches} benches, simulated"
     found = coverage(points)
     late = missed(points)
-    # Values of one bench share its errors: with few benches chance alone leaves the band.
+    # Efficiencies of one bench share its errors: with few benches the coverage may leave the band
+    # by chance.
     slack = 200.0 * float(np.sqrt(0.95 * 0.05 / benches))
     if not COVERAGE[0] - slack <= found <= COVERAGE[1] + slack:
         late.append(f"coverage {found:.1f} %")

@@ -1,8 +1,8 @@
-"""How right the evaluations of recordings are: ``python -m benchmarks.evaluations``.
+"""Accuracy and coverage of the evaluations of recordings: ``python -m benchmarks.evaluations``.
 
-Every quantity of every reducer test, over recordings with one disturbance each and a known truth
-(`tests.support.recordings`, written from the definitions of the quantities alone). The table has
-bias (median), root mean square error and U (median) in % of a scale - the true value, for
+Every quantity of every reducer test is evaluated from recordings with one disturbance each and a
+known truth (`tests.support.recordings`, written from the quantities' definitions alone). The table
+has bias (median), root mean square error and U (median) in % of a scale - the true value, for
 widths of loops the twist at the rated torque - and the empirical coverage of the 95 % intervals.
 
 Where a quantity is covered by less than 90 %, its disturbance is repeated with five times as many
@@ -40,19 +40,20 @@ from torquebench.units import ARCMIN, RAD_S_PER_RPM
 
 SEEDS = 40
 LEAST = 0.90
-"""Smallest coverage that is aimed at."""
+"""Smallest coverage that meets the aim."""
 CHANCE = 0.01
-"""Probability below which a low coverage isn't chance."""
+"""Smallest probability with which a low coverage is still put down to chance."""
 AGAIN = 5
-"""Times as many recordings of a disturbance with a low coverage."""
+"""Factor on the number of recordings when a disturbance with low coverage is repeated."""
 
 Options = Mapping[str, Any]
 Value = tuple[str, Budget, float, float]
-"""Quantity, its estimate, its truth, and the scale of its errors."""
+"""Name of a quantity, its estimate, its true value, and the value that its errors are divided
+by."""
 
 
 def hysteresis(rng: np.random.Generator, seed: int, options: Options) -> Iterator[Value]:
-    """Evaluate loops of six shapes in turn."""
+    """Evaluate the loops of a recording; the seed selects one of six shapes."""
     loop = recordings.loop(recordings.SHAPES[seed % len(recordings.SHAPES)], rng)
     record, truth = recordings.loop_record(loop, rng, **options), loop.truth()
     angle = record.angle * ARCMIN
@@ -66,14 +67,14 @@ def hysteresis(rng: np.random.Generator, seed: int, options: Options) -> Iterato
 
 
 def breakaway(rng: np.random.Generator, _seed: int, options: Options) -> Iterator[Value]:
-    """Evaluate ramps up to a slip."""
+    """Evaluate torque ramps up to the breakaway."""
     record = recordings.ramp_record(rng, **options)
     found = evaluate_breakaway(record.time, record.angle * ARCMIN, record.torque, run=record.run)
     yield "torque", found.torque, record.truth, record.truth
 
 
 def no_load(rng: np.random.Generator, _seed: int, options: Options) -> Iterator[Value]:
-    """Evaluate torques over speed, and the parts of the friction."""
+    """Evaluate no-load torques at several speeds, and the components of the friction."""
     record = recordings.speed_record(rng, **options)
     truth, found = record.truth, evaluate_no_load(record.speed, record.torque)
     for name, points in (("torque", found.points), ("mean of directions", found.means)):
@@ -92,7 +93,7 @@ def no_load(rng: np.random.Generator, _seed: int, options: Options) -> Iterator[
 
 
 def efficiency(rng: np.random.Generator, _seed: int, options: Options) -> Iterator[Value]:
-    """Evaluate a map; with an offset of the torque its means of both directions."""
+    """Evaluate efficiencies; for an offset of the torque, only means of both directions."""
     record = recordings.efficiency_record(rng, **options)
     found = evaluate_efficiency(record.drive, record.load, record.speed, record.ratio)
     for point in found.means if options.get("offset") else found.points:
@@ -101,7 +102,7 @@ def efficiency(rng: np.random.Generator, _seed: int, options: Options) -> Iterat
 
 
 def transmission_error(rng: np.random.Generator, _seed: int, options: Options) -> Iterator[Value]:
-    """Evaluate whole turns of two encoders."""
+    """Evaluate the transmission error in whole turns of two encoders."""
     record = recordings.angle_record(rng, **options)
     given, taken = np.radians(record.driving), np.radians(record.driven)
     if options.get("wrapped"):
@@ -117,7 +118,7 @@ def transmission_error(rng: np.random.Generator, _seed: int, options: Options) -
 
 
 def swings(rng: np.random.Generator, _seed: int, options: Options) -> Iterator[Value]:
-    """Evaluate strokes of two encoders."""
+    """Evaluate lost motion and backlash in strokes of two encoders."""
     record = recordings.swing_record(rng, **options)
     given, taken = np.radians(record.driving), np.radians(record.driven)
     found = evaluate_swings(given, taken, record.ratio)
@@ -235,7 +236,7 @@ class Line:
         return float(np.mean(np.abs(self.errors[known]) <= self.expanded[known] + 1e-9))
 
     def improbable(self, seeds: int) -> bool:
-        """Return whether so low a coverage is improbable for intervals of 90 %.
+        """Return whether so low a coverage would be improbable if the true coverage were 90 %.
 
         Values of one recording share errors: each recording counts once.
         """
@@ -243,7 +244,7 @@ class Line:
         return bool(count and self.coverage * count < binom.ppf(CHANCE, count, LEAST))
 
     def cells(self) -> tuple[str, ...]:
-        """Return the figures in words."""
+        """Return the cells of the table's row."""
         known = np.isfinite(self.expanded)
         largest = f"{100.0 * np.median(self.expanded[known]):.2g}" if known.any() else "unknown"
         return (

@@ -4,8 +4,8 @@ Eight channels of one core: a block of 10 ms of 60 kHz edges with 5 ns of jitter
 and torque, and, for the two modules that a bench has, compensated torque with the uncertainty of a
 chain that has all effects: hysteresis, temperature, rotation, running-in, inertia by the encoder's
 acceleration, dynamics. It is checked by the supervisor; then the journal takes it, with every edge,
-and a viewer that nobody empties. Every part is the one that a bench runs, with the priority that
-the system grants acquisition. ``--compensated 8`` compensates all channels, which no bench does.
+and a viewer whose queue is never read. All parts are those of a real bench, with the priority that
+the system grants to acquisition. ``--compensated 8`` compensates all channels, which no bench does.
 """
 
 from __future__ import annotations
@@ -55,12 +55,12 @@ FULL_SCALE_NM = 2000.0
 PERCENTILES = (50.0, 90.0, 99.0, 100.0)
 PROBES = ("input_transducer", "output_transducer")
 
-# The journal looks for the two modules' channels; the other six are as good as these.
+# The journal expects the two modules' channels; names of the other six are arbitrary.
 NAMES = ("input_torque", "output_torque", *(f"torque_{number}" for number in range(2, CHANNELS)))
 
 
 def pulse_trains(duration_s: float, draw: np.random.Generator) -> dict[str, NDArray[np.int64]]:
-    """Edges of every channel, whose torque swings over nine tenths of the range."""
+    """Return the edges of every channel, whose torque swings over nine tenths of the range."""
     trains = {}
     for index, name in enumerate(NAMES):
         number = np.arange(round(duration_s * 92e3))
@@ -72,7 +72,7 @@ def pulse_trains(duration_s: float, draw: np.random.Generator) -> dict[str, NDAr
 
 
 def edge_blocks(duration_s: float) -> Iterator[dict[str, EdgeBlock]]:
-    """Yield what a counter card would deliver every 10 ms."""
+    """Yield the edges that a counter card would deliver every 10 ms."""
     trains = pulse_trains(duration_s, np.random.default_rng(1))
     step = round(BLOCK_S * TIMEBASE_HZ)
     for index in range(round(duration_s / BLOCK_S)):
@@ -85,7 +85,7 @@ def edge_blocks(duration_s: float) -> Iterator[dict[str, EdgeBlock]]:
 
 
 def turning_effects() -> tuple[Effect, ...]:
-    """Identify what temperature, rotation and acceleration add to a synthetic chain that turns."""
+    """Return effects of temperature, rotation and acceleration, fitted to a turning chain."""
     chain = make_rotating_chain("running-in", 1)
     found = fitted_chain(chain).stored
     part = FULL_SCALE_NM / chain.range_nm
@@ -93,7 +93,7 @@ def turning_effects() -> tuple[Effect, ...]:
 
 
 def _scaled(effect: Effect, part: float) -> Effect:
-    """Return an effect for another range: everything in N·m grows with it."""
+    """Return an effect scaled to another range: all torques are multiplied by `part`."""
     values = effect.specification()
     kind = values.pop("kind")
     scaled = {
@@ -129,14 +129,14 @@ def fitted_model() -> CompensationModel:
 
 
 class Conditions(NamedTuple):
-    """What instruments beside the counter card deliver with a block."""
+    """Readings of the instruments other than the counter card during a block."""
 
     celsius: float
     angle: Record
 
     @classmethod
     def of_block(cls, index: int) -> Conditions:
-        """Return those of a shaft that swings."""
+        """Return the conditions of one block while the shaft swings."""
         start_s = index * BLOCK_S
         time_s = start_s + np.arange(10, dtype=np.float64) * 1e-3
         celsius = 23.0 + 5.0 * float(np.sin(0.1 * start_s))
@@ -164,7 +164,7 @@ class LivePath:
         self.index, self.celsius = 0, 23.0
 
     def temperatures(self) -> dict[str, float]:
-        """Return the probes' temperatures, as an instrument does."""
+        """Return the probes' temperatures, in place of an instrument."""
         return dict.fromkeys(PROBES, self.celsius)
 
     def push(self, edges: dict[str, EdgeBlock], conditions: Conditions) -> Block:
@@ -179,15 +179,18 @@ class LivePath:
             side: self.chains[torque_channel(side)] for side in SIDES
         }
         further = list(self.chains.items())[len(SIDES) :]
-        for name, chain in further:  # no bench has more than two modules
+        for (
+            name,
+            chain,
+        ) in further:  # each is passed as an input module
             aside = {**block.records, torque_channel("input"): block.records[name]}
             self.evaluator.compensate([replace(block, records=aside)], {}, {"input": chain})
         return self.evaluator.compensate([block], self.channels, modules)
 
 
 def measure(duration_s: float, compensated: int) -> NDArray[np.float64]:
-    """Latency of every block in ms, (3, n): of the path, with journal, and its processor time."""
-    description = default_bench()  # with two modules of the larger range, which turn faster
+    """Return each block's latency without and with journal and its processor time, ms, (3, n)."""
+    description = default_bench()  # two modules of the larger range, without the limit of its speed
     limits = description.output.limits.model_copy(update={"speed_rpm": 1e4})
     module = description.output.model_copy(update={"limits": limits})
     description = description.model_copy(update={"input": module, "output": module})

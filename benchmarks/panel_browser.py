@@ -1,15 +1,15 @@
-"""The operator panel in a real browser.
+"""Speed and memory of the operator panel in a real browser.
 
-Painted updates a second of the live page with eight lines, what the page costs the server, how
-long the stop button takes there and back, and memory on both sides over an hour of simulated work
-(ten minutes with ``--quick``), which the simulated bench does as fast as it computes while the
-page goes on painting. ``--stop N`` measures N stops only, in a crowd: five browsers, twenty
-watchers and a flood of sign-in pages; one of the browsers and a program without a page press in
-turn, and what the server takes is told from what the browser takes. ``--soak MINUTES`` works in
-real time: one browser goes from page to page every minute, another stays on the live page, and
-every minute there is a recording and a calibration. The server is `torquebench panel` in a
-process of its own; the browser is Debian's Chromium without a graphics card, so its figures are
-the worst case.
+Measured are the live page's painted updates per second with eight lines, the processor time that
+the page costs the server, the time from pressing the stop button to the answer, and the memory of
+server and browser over an hour of bench time (ten minutes with ``--quick``), which the simulated
+bench runs through as fast as it can while the page keeps painting. ``--stop N`` measures N stops
+only, under load: five browsers, twenty watchers and a flood of sign-in requests; one of the
+browsers and a program without a page stop the bench in turn, which separates the server's time from
+the browser's. ``--soak MINUTES`` measures memory in real time: one browser opens all pages every
+minute, another stays on the live page, and every minute the bench records and calibrates. The
+server is `torquebench panel` in a process of its own; the browser is Debian's Chromium without a
+graphics card, so its figures are the worst case.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ CPU_AIM = _AIMS["what the page adds, cores"].high
 STOP_AIM_MS = _AIMS["stop, ms"].high
 GROWTH_AIM = _AIMS["growth of memory"].high
 STOPS = 60
-"""Presses on a bench at rest."""
+"""Number of stops of a bench at rest."""
 LOADED_STOPS = 8
-"""Presses while a calibration loads the bench."""
+"""Number of stops while a calibration loads the bench."""
 BROWSERS, WATCHERS = 5, 20
-"""Of the crowd: one of the browsers presses the stop."""
+"""Numbers of browsers and watchers in the crowd; one of the browsers presses the stop button."""
 PASSWORD = "benchmark of the panel"
 FLAGS = (
     "--headless=new",
@@ -83,7 +83,7 @@ class Server:
     log: list[str] = field(default_factory=list)
 
     def call(self, method: str, path: str, body: Any = None) -> Any:
-        """Call the HTTP API."""
+        """Return the answer of a request to the HTTP API."""
         request = urllib.request.Request(
             f"{self.url}/api/v1{path}",
             method=method,
@@ -98,7 +98,7 @@ class Server:
         return json.loads(content) if content else None
 
     def busy_cores(self, seconds: float) -> float:
-        """Return how many cores the server keeps busy."""
+        """Return how many processor cores the server uses on average."""
         before, started = self._cpu_s(), time.perf_counter()
         time.sleep(seconds)
         return (self._cpu_s() - before) / (time.perf_counter() - started)
@@ -110,7 +110,7 @@ class Server:
 
 @contextlib.contextmanager
 def served(folder: Path, *options: str) -> Iterator[Server]:
-    """Serve a panel with one account and one client."""
+    """Start a panel with one account and one client; stop it at the end."""
     store = PanelStore(folder)
     people = People(store)
     people.set_up(str(people.setup_code), "Ana", PASSWORD, "benchmark")
@@ -132,7 +132,7 @@ def served(folder: Path, *options: str) -> Iterator[Server]:
         line = next(each for each in process.stdout if "http://" in each)
         address = line[line.index("http://") :].strip()
         server = Server(address, psutil.Process(process.pid), token)
-        # A pipe that nobody reads would hold the server up.
+        # A full pipe that nobody reads would block the server.
         threading.Thread(target=server.log.extend, args=(process.stdout,), daemon=True).start()
         yield server
     finally:
@@ -142,7 +142,7 @@ def served(folder: Path, *options: str) -> Iterator[Server]:
 
 @contextlib.contextmanager
 def browsing(server: Server, profile: Path) -> Iterator[webdriver.Chrome]:
-    """Sign in with a fresh browser and look at the live page."""
+    """Sign in with a fresh browser and open the live page."""
     options = Options()
     options.binary_location = str(program("chromium"))
     for flag in (*FLAGS, f"--user-data-dir={profile}"):
@@ -160,18 +160,18 @@ def browsing(server: Server, profile: Path) -> Iterator[webdriver.Chrome]:
 
 
 def painted(driver: webdriver.Chrome) -> int:
-    """How often the live page has been painted."""
+    """Return how often the live page has been painted."""
     return int(driver.execute_script("return window.torquebench?.painted ?? 0"))
 
 
 def heap_mb(driver: webdriver.Chrome) -> float:
-    """Memory that the page's scripts hold after a collection, MB."""
+    """Return the memory that the page's scripts hold after a garbage collection, MB."""
     driver.execute_cdp_cmd("HeapProfiler.collectGarbage", {})
     return float(driver.execute_cdp_cmd("Runtime.getHeapUsage", {})["usedSize"]) / 2**20
 
 
 def measure_live(server: Server, profile: Path, seconds: float) -> tuple[float, float, float]:
-    """Return painted updates a second, and the server's cores without and with a page."""
+    """Return painted updates per second, and the server's cores without and with a live page."""
     idle = server.busy_cores(seconds)
     with browsing(server, profile) as driver:
         time.sleep(2.0)
@@ -183,7 +183,7 @@ def measure_live(server: Server, profile: Path, seconds: float) -> tuple[float, 
 
 @dataclass(frozen=True)
 class Press:
-    """How long a press of the stop took, ms: until the drives were told, and until it is known."""
+    """Times from a press of the stop button to the drives' command and to the answer, ms."""
 
     told: float
     back: float
@@ -192,9 +192,9 @@ class Press:
 def measure_stop(
     server: Server, profile: Path, stops: int = STOPS, loaded: int = LOADED_STOPS
 ) -> list[Press]:
-    """Return how long the stop button takes.
+    """Return the times of all presses of the stop button.
 
-    Every press finds a bench that isn't stopped yet; the last ones find it under torque.
+    Before every press the bench runs again; before the last ones it is loaded.
     """
     found = []
     with browsing(server, profile) as driver:
@@ -218,7 +218,7 @@ def _press(driver: webdriver.Chrome) -> Press:
 
 
 def _press_without_page(server: Server) -> Press:
-    """Stop as a page does, from a program that has nothing else to do."""
+    """Send a stop as a page does, from a program that does nothing else."""
     connection = http.client.HTTPConnection(server.url.removeprefix("http://"), timeout=60)
     with contextlib.closing(connection):
         began = time.time()
@@ -230,10 +230,10 @@ def _press_without_page(server: Server) -> Press:
 def measure_crowded_stop(
     server: Server, folder: Path, stops: int
 ) -> tuple[list[Press], list[Press]]:
-    """Return stops of a browser and of a program in a crowd.
+    """Return presses of a browser's stop button, and stops by a program, in a crowd.
 
-    Five browsers, twenty watchers, sign-in pages without end: they run in processes and threads
-    of their own on the same computer, whose cores they take.
+    Five browsers, twenty watchers and endless requests for the sign-in page run in processes and
+    threads of their own on the same computer, and so compete with the server for its cores.
     """
     ended, counts = threading.Event(), [0] * WATCHERS
     pages, programs = [], []
@@ -260,7 +260,7 @@ def measure_crowded_stop(
 
 
 def _watch(url: str, token: str, ended: threading.Event, counts: list[int], number: int) -> None:
-    """Follow all events of the bench as a program does."""
+    """Receive all events of the bench as a program does."""
     request = urllib.request.Request(f"{url}/events", headers={"Authorization": f"Bearer {token}"})
     with urllib.request.urlopen(request, timeout=600) as events:
         while not ended.is_set() and events.readline():
@@ -268,7 +268,7 @@ def _watch(url: str, token: str, ended: threading.Event, counts: list[int], numb
 
 
 def flood(page: str) -> None:
-    """Ask for the sign-in page without end, from four threads, until killed."""
+    """Request the sign-in page from four threads until killed."""
 
     def again() -> None:
         while True:
@@ -280,7 +280,7 @@ def flood(page: str) -> None:
 
 
 def _acknowledge(server: Server) -> None:
-    """Acknowledge what stands, once the bench is safe and its job has ended."""
+    """Acknowledge the alarm, once the bench is safe and its job has ended."""
     for _ in range(300):
         if not server.call("GET", "/bench")["stopped"]:
             return
@@ -303,7 +303,7 @@ def _load(server: Server) -> None:
 
 @dataclass(frozen=True)
 class Moment:
-    """Bench time and wall time since the beginning, s, and memory, MB."""
+    """One measurement of the memory, MB, with bench time and wall time since the beginning, s."""
 
     bench_s: float
     wall_s: float
@@ -313,9 +313,9 @@ class Moment:
 
 
 def soak(server: Server, profile: Path, seconds: float) -> list[Moment]:
-    """Work for so much bench time before a live page; return the memory on the way.
+    """Calibrate for `seconds` of bench time beside a live page; return the memory over time.
 
-    On a slow or busy computer it ends after as much time on the clock.
+    On a slow or busy computer, end after `seconds` of wall time.
     """
     found: list[Moment] = []
     with browsing(server, profile) as driver:
@@ -335,7 +335,7 @@ def soak(server: Server, profile: Path, seconds: float) -> list[Moment]:
 
 
 SAMPLED_S = 20.0
-"""Time between two samples of a soak in real time."""
+"""Time between two samples of a soak in real time, s."""
 QUICK_CALIBRATION = {
     "side": "output",
     "models": ["polynomial-2"],
@@ -348,7 +348,7 @@ PAGES = ("/calibrate", "/reducer", "/records", "/settings", "/alarms", "/")
 
 @dataclass(frozen=True)
 class Sample:
-    """What server and browser hold after so many seconds."""
+    """Resources that server and browsers hold at one moment."""
 
     wall_s: float
     server_mb: float
@@ -376,13 +376,13 @@ QUANTITIES = {
     "staying_tab_mb": "its tab, MB",
     "staying_nodes": "its nodes",
 }
-"""What must not grow, of a sample, and how the table calls it."""
+"""Attributes of a sample that must not grow, and their names in the table."""
 
 
 def soak_in_real_time(
     server: Server, profile: Path, seconds: float, troubles: list[str]
 ) -> list[Sample]:
-    """Work before a browser as a person does; print and return what is held on the way."""
+    """Run jobs and open pages as a person does; print and return the held resources over time."""
     found: list[Sample] = []
     ended = threading.Event()
     work = threading.Thread(target=_work, args=(server, ended, troubles), daemon=True)
@@ -392,7 +392,7 @@ def soak_in_real_time(
     ):
         work.start()
         started = time.perf_counter()
-        with contextlib.suppress(KeyboardInterrupt):  # what was measured until then counts
+        with contextlib.suppress(KeyboardInterrupt):  # keep the samples so far
             while (passed := time.perf_counter() - started) < seconds:
                 if not work.is_alive():
                     raise SystemExit("the work before the browser has ended")
@@ -421,17 +421,17 @@ def soak_in_real_time(
 
 
 def _held(driver: webdriver.Chrome) -> tuple[float, float, int]:
-    """Return the memory of a page's scripts and of its tab, MB, and its nodes."""
+    """Return the memory of a page's scripts and of its tab, MB, and its number of DOM nodes."""
     heap = heap_mb(driver)
     counts = driver.execute_cdp_cmd("Memory.getDOMCounters", {})
     return heap, _tab_mb(driver), int(counts["nodes"])
 
 
 def _work(server: Server, ended: threading.Event, troubles: list[str]) -> None:
-    """Record and calibrate once a minute; of two calibrations one is aborted, one completed.
+    """Record and calibrate once a minute; of two calibrations, abort one and complete one.
 
-    What stops the bench, such as a stall of the acquisition on a busy computer, is kept as a
-    trouble and acknowledged, as a person would.
+    An alarm, such as a stall of the acquisition on a busy computer, is added to `troubles` and
+    acknowledged.
     """
     number = 0
     while not ended.is_set():
@@ -458,7 +458,7 @@ def _record_and_calibrate(server: Server, ended: threading.Event, number: int) -
         ended.wait(1.0)
         patience = 0.0 if ended.is_set() else patience
         job = server.call("GET", f"/jobs/{job['job_id']}")
-    with contextlib.suppress(urllib.error.HTTPError):  # it may have ended
+    with contextlib.suppress(urllib.error.HTTPError):  # the calibration may have ended
         server.call("POST", f"/jobs/{job['job_id']}/abort", {"reason": "soak"})
     _until_ended(server, job)
 
@@ -505,7 +505,7 @@ def soaked(minutes: float, *, write: bool) -> int:
 
 
 def _tab_mb(driver: webdriver.Chrome) -> float:
-    """Return the memory that the browser's processes of pages have for themselves, MB."""
+    """Return the memory that the browser's page processes don't share with others, MB."""
     children = psutil.Process(driver.service.process.pid).children(recursive=True)
     pages = [each for each in children if "--type=renderer" in " ".join(each.cmdline())]
     return float(sum(each.memory_full_info().uss for each in pages)) / 2**20
@@ -528,7 +528,7 @@ def _calibrate(server: Server) -> None:
 
 
 def growth(values: list[float]) -> float:
-    """Return by what share the last quarter exceeds the second one.
+    """Return the relative growth from the second quarter of the values to the last one.
 
     Examples
     --------
@@ -542,7 +542,7 @@ def growth(values: list[float]) -> float:
 
 @dataclass(frozen=True)
 class Found:
-    """Everything that was measured."""
+    """All results of a run."""
 
     updates: float
     idle: float
@@ -553,7 +553,7 @@ class Found:
 
     @property
     def rows(self) -> list[tuple[str, str, str, bool]]:
-        """What was measured, its value, its aim, and whether that is met."""
+        """Rows of the table: quantity, its value, its aim, and whether the aim is met."""
         page = self.watched - self.idle
         stops = [press.back for press in self.stops]
         median, high = statistics.median(stops), float(np.percentile(stops, 99))
@@ -603,7 +603,7 @@ def chromium_version() -> str:
 
 
 def crowded(stops: int) -> int:
-    """Measure stops in a crowd, print them; 1 where the aim is missed."""
+    """Measure stops in a crowd and print them; return 1 where the aim is missed."""
     with tempfile.TemporaryDirectory() as scratch:
         (data := Path(scratch) / "data").mkdir()
         with served(data) as server:
@@ -625,7 +625,7 @@ def crowded(stops: int) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, print and judge."""
+    """Measure and print; return 1 where an aim is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="ten minutes instead of an hour")
     parser.add_argument("--write", action="store_true", help="put the table into the document")

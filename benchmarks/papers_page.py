@@ -1,4 +1,4 @@
-"""The papers' page for the documentation: measured on simulated benches, written with its figures.
+"""Page of the documentation about the papers, with figures measured on simulated benches.
 
 ``python -m benchmarks.papers_page --write`` does what ``torquebench papers`` does and writes
 docs/explanation/papers-item-by-item.md and docs/images/papers. ``--data FOLDER`` takes the tables
@@ -27,15 +27,16 @@ Verdicts on simulated benches say what the method can reach, not what a real ben
 
 """
 LARGEST_TABLE = 50
-"""Most cells of a table in the documentation; the command's own page has all tables."""
+"""Largest number of cells of a table in the documentation; the command's own page has all
+tables."""
 REPEATED = "groups at other torques"
-"""In the caption of tables that repeat what others of the item show."""
+"""Part of the captions of tables that repeat other tables of the item for other torques."""
 COMMON_NAME = "Simulated reducer bench, preset nominal, "
-"""Of the benches: in tables their seed is enough."""
+"""Common part of the benches' names, left out in tables, where the seed is enough."""
 WHOLE = "Worst error of the polynomial divided by that of the model"
 """Beginning of the caption of the one larger table that the documentation shows: item 15's."""
 LONG_NUMBER = re.compile(r"\b([1-9]\d*\.\d{2})\d+")
-"""Below 1 a number may be a scale: of letters, which shrink where it loses digits."""
+"""Numbers to shorten; those below 1 are kept, because they may be scales of letters."""
 
 
 def smaller(svg: str) -> str:
@@ -55,7 +56,7 @@ def _cell(text: str) -> str:
 
 
 def _verdicts(summary: Table) -> Table:
-    """Return items and verdicts: the sections below state why."""
+    """Return a table of items and verdicts without reasons, which the page gives below."""
     rows = [[row[0], row[-1].partition(":")[0]] for row in summary.rows]
     return dataclasses.replace(summary, header=("item", "here"), rows=rows)
 

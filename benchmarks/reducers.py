@@ -1,13 +1,13 @@
-"""How near reducer tests come to the truth, on simulated specimens behind a calibrated bench.
+"""Accuracy of reducer tests, on simulated specimens on a calibrated bench.
 
 python -m benchmarks.reducers [--quick] [--specimens N] [--reducer NAME] [--profile NAME]
     [--up-to INPUT,OUTPUT] [--series N] [--tests NAME,NAME] [--loops N] [--repeats N] [--workers N]
     [--first-seed N] [--into FOLDER]
 
 For each simulated bench (a seed of its own) both modules are calibrated and compensated; then a
-specimen is put to all tests by the plans, the data path and the evaluation that a real bench uses.
-What a test finds is compared with what the specimen really is. With ``--into`` benches are kept
-one by one, and a run that was interrupted goes on. Ends with 1 where an aim is missed.
+specimen undergoes all tests with the plans, the data path and the evaluation of a real bench. The
+results are compared with the specimen's true properties. With ``--into``, the results of each bench
+are kept, and an interrupted run can be continued. The exit code is 1 where an aim is missed.
 """
 
 import argparse
@@ -59,7 +59,7 @@ from torquebench.units import ARCSEC
 MODELS = (ModelChoice(RECOMMENDED),)
 COLD = WarmUp(longest_s=0.0)
 BLOCK_S = 0.05
-"""Bench time of one block: as short as the watch over the drives needs it to follow a ramp."""
+"""Bench time of one block: short enough for the supervision of the drives to follow a ramp."""
 TESTS = (
     "starting",
     "back-driving",
@@ -87,7 +87,7 @@ SETTINGS = ReducerTestSettings(bench_twist=BenchTwistSettings(cycles=1)).with_pl
 
 @dataclass(frozen=True)
 class Deviation:
-    """One reported value beside the truth."""
+    """One reported value and its true value."""
 
     test: str
     key: str
@@ -116,7 +116,7 @@ def described(reducer: str, bench_seed: int, specimen: int) -> BenchDescription:
 
 
 def calibrated(station: Station, side: Side, profile: Profile) -> None:
-    """Calibrate a side as ``calibrate`` does, and put its model into use."""
+    """Calibrate a side as ``calibrate`` does, and activate the compensation."""
     registers = registers_calibration(MODELS, RECOMMENDED)
     measured = measure_calibration(station, side, profile, metadata=registers)
     evaluate_and_register(CALIBRATION, station.registry, measured, profile)
@@ -124,7 +124,7 @@ def calibrated(station: Station, side: Side, profile: Profile) -> None:
 
 
 def sides_of(tests: Sequence[str]) -> tuple[Side, ...]:
-    """Return the sides whose torque some tests need."""
+    """Return the sides whose torque is used by any of the tests."""
     if set(tests) <= {"hysteresis", "transmission-error"}:
         return ("output",)
     return ("input",) if set(tests) <= {"no-load", "starting"} else SIDES
@@ -133,7 +133,7 @@ def sides_of(tests: Sequence[str]) -> tuple[Side, ...]:
 def truths(
     constants: ReducerConstants, reducer: ReducerDescription, outcome: ReducerTestOutcome
 ) -> dict[str, float]:
-    """Return what a test should have found, by key; with nothing for values that it can't know."""
+    """Return the true values of a test's results by their keys, without those that aren't known."""
     recording = outcome.recording
     if outcome.name == "hysteresis":
         known = true_loop_values(
@@ -142,7 +142,7 @@ def truths(
             lost_motion_share=LOST_MOTION_RULES[reducer.lost_motion_rule].share,
             stiffness_interval=reducer.stiffness_interval,
         )
-        # The loss belongs to the loop that was driven, which no drive ends exactly at ±T_N.
+        # The loss depends on the driven loop, which never ends exactly at ±T_N.
         driven = float(np.mean([each.largest_torque_nm for each in outcome.result.loops]))
         torque, angle = true_loop(constants, driven)
         loss = abs(float(np.trapezoid(angle, torque)))
@@ -155,7 +155,7 @@ def truths(
         return {"starting_torque": true_starting_nm(constants, recording.temperature_c)}
     if outcome.name == "back-driving":
         return {"back_driving_torque": true_back_driving_nm(constants, recording.temperature_c)}
-    # A reducer that isn't warmed up gets warm in the test: each point has its own temperature.
+    # A cold reducer warms up during the test: each point has its own temperature.
     if outcome.name == "no-load":
         return no_load_truths(outcome)
     return {
@@ -172,10 +172,10 @@ def truths(
 
 
 def no_load_truths(outcome: ReducerTestOutcome) -> dict[str, float]:
-    """Return what turned the input in the windows of the test.
+    """Return the mean true input torques in the windows of the test, by the results' keys.
 
-    For an RV-40E class reducer that is its friction at a steady speed within 0.15 %; the
-    transmission error of a harmonic one shakes the free output, which costs more.
+    For an RV-40E class reducer they equal its friction at constant speed within 0.15 %. The
+    transmission error of a harmonic reducer shakes the free output, which takes more torque.
     """
     recording = outcome.recording
     torque = recording.true_torque_nm["input"]
@@ -192,7 +192,7 @@ def no_load_truths(outcome: ReducerTestOutcome) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Work:
-    """A bench to be measured with a specimen of its own: what it gets wrong is common to all."""
+    """One bench with one specimen to test; the bench's errors affect all its results."""
 
     reducer: str
     seed: int
@@ -206,7 +206,7 @@ class Work:
 
     @property
     def kept(self) -> Path | None:
-        """Where its result is kept, apart from that of other tests or another calibration."""
+        """Path of the kept results, different for other tests or another calibration."""
         if self.into is None:
             return None
         name = [self.reducer, self.profile, *self.tests, f"{self.loops}-loops"]
@@ -219,12 +219,12 @@ class Work:
         return self.into / f"{'_'.join([*name, str(self.seed)])}.json"
 
     def settings(self) -> ReducerTestSettings:
-        """Return how the tests are driven."""
+        """Return the settings of the tests."""
         settings = SETTINGS.with_plans({"hysteresis": HysteresisSettings(loops=self.loops)})
         return settings if self.repeats is None else settings.with_repeats(self.repeats)
 
     def calibration(self, side: Side) -> Profile:
-        """Return how a side is calibrated."""
+        """Return the calibration profile of a side."""
         profile = load_profile(self.profile).with_options(repeats=self.series)
         if self.up_to_nm is None:
             return profile
@@ -236,7 +236,7 @@ Found = tuple[list[Deviation], list[str]]
 
 
 def specimen_deviations(work: Work, data: Path) -> Found:
-    """Put the specimen of a bench to its tests; return deviations and what was refused."""
+    """Test a bench's specimen; return the deviations, and the messages of refused tests."""
     specimen = 1000 * work.seed
     bench, kind = described(work.reducer, work.seed, specimen), load_reducer(work.reducer)
     constants = SimulatedOptions(**bench.driver).parameters().reducer
@@ -265,7 +265,7 @@ def specimen_deviations(work: Work, data: Path) -> Found:
 
 
 def one_bench(work: Work) -> Found:
-    """Calibrate a bench, the output alone where only angles are asked for, and test a specimen."""
+    """Calibrate the sides that the tests use, test a specimen, and return its deviations."""
     kept = work.kept
     if kept is not None and kept.exists():
         deviations, refused = json.loads(kept.read_text())
@@ -284,7 +284,7 @@ def one_bench(work: Work) -> Found:
 
 
 def family(each: Deviation) -> str:
-    """Return which row of the report a value belongs to."""
+    """Return the row of the report to which a value belongs."""
     if each.test not in ("no-load", "efficiency"):
         return each.key
     one_direction = "+" in each.key or "-" in each.key
@@ -292,7 +292,7 @@ def family(each: Deviation) -> str:
 
 
 def misses(name: str, group: list[Deviation]) -> np.ndarray:
-    """Return how far each value is off in the terms of its aim."""
+    """Return the deviation of each value in the unit of its aim."""
     off: np.ndarray = np.array([abs(each.found - each.truth) for each in group])
     if name in ("backlash", "lost_motion"):
         beyond: np.ndarray = np.maximum(off - np.array([each.expanded for each in group]), 0.0)
@@ -315,7 +315,7 @@ def report(
         off = misses(name, group)
         aims = (each for each in AIMS["reducers"].items() if each[0].startswith(name.split(",")[0]))
         title, wanted = next(aims, (", ", Aim()))
-        # What chance alone does to the share over this many specimens.
+        # What chance alone does to the coverage over this many specimens.
         slack = 2.0 * np.sqrt(0.95 * 0.05 / specimens)
         met = share >= 0.95 - slack and wanted.met(float(np.quantile(off, 0.95)))
         all_met &= met

@@ -1,4 +1,4 @@
-"""How fast a long registry opens, lists its runs and is verified, on SQLite and PostgreSQL."""
+"""Time to open a long registry, list its runs and verify it, on SQLite and PostgreSQL."""
 
 import argparse
 import statistics
@@ -16,7 +16,7 @@ REPEATS = 20
 
 
 def fill(registry: Registry, folder: Path, runs: int) -> None:
-    """Enter finished runs, all chained, in batches of one transaction."""
+    """Enter finished runs with their hash chain, in batches of one transaction."""
     start = datetime(2025, 1, 31, tzinfo=UTC)
     kinds = ("calibrate-output", "verify-output", "zero", "no-load-friction")
     for begin in range(0, runs, BATCH):
@@ -45,7 +45,7 @@ def fill(registry: Registry, folder: Path, runs: int) -> None:
 
 
 def milliseconds(work: Callable[[], object]) -> tuple[float, float]:
-    """Return median and longest duration of some work, in ms."""
+    """Return median and longest duration of a function, in ms."""
     taken = []
     for _ in range(REPEATS):
         begin = time.perf_counter()

@@ -1,4 +1,4 @@
-"""What every benchmark reports with: the table of aims, verdicts, tables, sections of the page."""
+"""Aims of all benchmarks, and functions that print verdicts and tables and write the page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "docs" / "benchmarks.md"
 
 @dataclass(frozen=True)
 class Aim:
-    """What a figure has to reach: at least `low`, at most `high`."""
+    """Limits of a figure: at least `low`, at most `high`."""
 
     low: float = -np.inf
     high: float = np.inf
@@ -34,7 +34,7 @@ class Aim:
 
 
 COVERAGE = Aim(0.93, 0.97)
-"""Of intervals that state 95 %."""
+"""Aim for the coverage of 95 % intervals."""
 
 AIMS: Mapping[str, Mapping[str, Aim]] = {
     "compensation": {
@@ -110,11 +110,11 @@ AIMS: Mapping[str, Mapping[str, Aim]] = {
         "growth of memory": Aim(high=0.10),
     },
 }
-"""What each benchmark has to reach. The name of a figure may go on behind a comma."""
+"""Aims of each benchmark. A figure's name may have further words after a comma."""
 
 
 def aim(benchmark: str, figure: str) -> Aim:
-    """Return the aim of a figure, whose name may say more than that of the aim."""
+    """Return the aim of a figure, whose name may have further words after the aim's name."""
     aims = AIMS[benchmark]
     parts = figure.split(", ")
     names = (", ".join(parts[:length]) for length in range(len(parts), 0, -1))
@@ -127,9 +127,9 @@ def judge(
     figures: Mapping[str, float],
     allowed: Mapping[str, float] | None = None,
 ) -> tuple[str, bool]:
-    """Print figures beside their aims; return that as Markdown, and whether all are met.
+    """Print figures with their aims; return the table as Markdown, and whether all aims are met.
 
-    By `allowed`, a figure may miss its aim by chance.
+    A figure may miss its aim by its value in `allowed`, because of chance.
     """
     rows, all_met = [], True
     for name, value in figures.items():
@@ -158,7 +158,7 @@ def show(
 def least_seconds(contenders: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
     """Return the least processor time of each contender over rounds in which all take turns."""
     least = dict.fromkeys(contenders, np.inf)
-    for run in contenders.values():  # compiles what needs compiling
+    for run in contenders.values():  # compiles functions
         run()
     for _ in range(rounds):
         for name, run in contenders.items():
@@ -169,7 +169,7 @@ def least_seconds(contenders: Mapping[str, Callable[[], object]], rounds: int) -
 
 
 def write_section(document: Path, name: str, text: str) -> None:
-    """Replace the Markdown between a section's markers; begin document or section if need be."""
+    """Replace the Markdown between a section's markers; create document or section if missing."""
     begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
     before = document.read_text(encoding="utf-8") if document.exists() else "# Benchmarks\n"
     if begin not in before:

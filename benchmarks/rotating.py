@@ -1,11 +1,11 @@
-"""Compensation of chains that turn, on families of chains with a known truth.
+"""Compensation of turning chains: errors and coverage on families with a known truth.
 
 Every chain is fitted as ``torquebench fit --empty`` does by default, random trajectories of torque,
-speed and temperature are compensated as ``torquebench apply`` does, and compared with the truth and
-with a fit that is told the exact form.
+speed and temperature are compensated as ``torquebench apply`` does. The results are compared with
+the truth, and with those of a fit of the chain's exact form.
 
-Errors are those of noise-free readings. Coverage is that of U (k = 2) for readings with the noise
-of a single one, as U contains it, over cells of speed, temperature and torque.
+Errors are those of noise-free readings. The coverage of U (k = 2) is that of single readings with
+their noise, which U includes, in cells of speed, temperature and torque.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from torquebench.chain import EmptyRun, MeasuringChain, Readings, RecordedStream
 
 CHAINS, QUICK_CHAINS = 12, 2
 REPORTED_SEED = 200
-"""Seeds from here on were used for nothing but the reported figures."""
+"""First seed of the reported figures; these seeds were used for nothing else."""
 SPEED_LIMITS = (-np.inf, -400.0, 400.0, np.inf)
 WARM_LIMITS = (-np.inf, 20.0, 30.0, 40.0, np.inf)
 LOAD_LIMITS = (-np.inf, -1.0 / 3.0, 1.0 / 3.0, np.inf)
@@ -68,7 +68,7 @@ class Result:
 
 
 def fitted_chain(chain: RotatingChain) -> MeasuringChain:
-    """Fit a chain as the command does."""
+    """Fit a chain as ``torquebench fit --empty`` does."""
     calibration = chain.calibration()
     state = calibration.state
     points = CalibrationData(
@@ -98,7 +98,7 @@ def fitted_chain(chain: RotatingChain) -> MeasuringChain:
 
 
 def readings_of(measured: Measured) -> Readings:
-    """Return readings as a file states them: no acceleration."""
+    """Return readings as a file contains them: without acceleration."""
     state = measured.state
     return Readings(
         measured.reading_nm,
@@ -191,14 +191,14 @@ def coverage_rows(results: Sequence[Result]) -> tuple[list[str], list[list[str]]
 
 
 def coverage(results: Sequence[Result]) -> FloatArray:
-    """Return the coverage of every cell, each chain counting alike."""
+    """Return the coverage of every cell, with equal weight for each chain."""
     inside = np.array([r.inside / np.maximum(r.points, 1.0) for r in results])
     weight = np.array([r.points > 0 for r in results], dtype=float)
     return np.asarray(np.sum(weight * inside, axis=0) / np.sum(weight, axis=0))
 
 
 def figures_of(results: Sequence[Result]) -> dict[str, float]:
-    """Return what has aims."""
+    """Return the figures that have aims."""
     figures = {}
     for family in dict.fromkeys(r.family for r in results):
         ratios = [r.rms / r.bound_rms for r in results if r.family == family]
@@ -225,7 +225,7 @@ for single readings with their noise.
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the benchmark; return 1 where a target is missed."""
+    """Run the benchmark; return 1 where an aim is missed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="end within a minute")
     parser.add_argument("--chains", type=int, help=f"of every family (default {CHAINS})")

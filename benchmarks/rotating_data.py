@@ -1,4 +1,4 @@
-"""The open data set of chains that turn: written with its truth, and judged.
+"""The open data set of turning chains: write it with its truth, and evaluate results.
 
 ``python -m benchmarks.rotating_data FOLDER`` writes the synthetic chains of `benchmarks.rotating`
 as tables, one folder a chain (docs/how-to/share-rotating-data.md says what each holds).
@@ -85,12 +85,12 @@ def _write(path: Path, chain: RotatingChain, columns: Mapping[str, FloatArray]) 
 
 
 def judged(folder: Path) -> list[str]:
-    """Return name, RMS and worst error in % of range, coverage of U, of one chain's torque.csv.
+    """Return a chain's name, RMS and worst error in % of range, and the coverage of U.
 
     Raises
     ------
     InputError
-        Tables that are missing, of another form, or of different lengths.
+        A table is missing, has another form, or differs in length.
     """
     about = json.loads((folder / "chain.json").read_text(encoding="utf-8"))
     if about.get("format") != FORMAT:
@@ -117,7 +117,7 @@ def judged(folder: Path) -> list[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write the data set, or judge what was made of it."""
+    """Write the data set, or evaluate the torques that a program calculated from it."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--chains", type=int, default=CHAINS, help="of every family")

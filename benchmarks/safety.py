@@ -1,10 +1,11 @@
-"""From a violation to the drives' zero command.
+"""Time from a violation to the drives' command to zero.
 
 A whole station runs in real time on the simulated bench: acquisition, run engine, journal. While
-its output is loaded something goes wrong at a moment of its own, and the time until both drives
-have been told to go to zero is taken from the wall clock. It does so alone, beside busy programs
-of usual priority, and beside a thread of the same process that computes in Python without pause.
-The aim holds alone, and beside busy programs where the system grants real-time priority.
+its output is loaded a violation happens at a random moment, and the wall clock measures the time
+until both drives have been told to go to zero. This is measured with the station alone, beside busy
+programs of usual priority, and beside a thread of the same process that computes in Python without
+pause. The aim applies to the station alone, and beside busy programs where the system grants
+real-time priority.
 
 ==============  =================================================================================
 overload        the drive pulls beyond the limit; counted from the true torque's crossing it
@@ -57,20 +58,20 @@ FAULT_S = 0.15
 
 @dataclass(frozen=True)
 class Situation:
-    """What else wants the processors: busy programs, and busy threads of the same process."""
+    """Other load on the processors: busy programs, and busy threads of the same process."""
 
     programs: int = 0
     threads: int = 0
 
     @property
     def title(self) -> str:
-        """In words."""
+        """The situation in words."""
         if self.threads:
             return "beside a thread that computes in Python"
         return f"beside {self.programs} busy programs" if self.programs else "alone"
 
     def aimed_at(self, granted: Priority) -> bool:
-        """Whether the aim holds for it: alone, and beside programs of lower priority."""
+        """Return whether the aim applies: alone, or beside programs of lower priority."""
         return not self.threads and (not self.programs or granted is Priority.REAL_TIME)
 
 
@@ -86,13 +87,13 @@ def described(fast_check_s: float) -> BenchDescription:
 
 @dataclass
 class Timed:
-    """Notes when a drive was told to go to zero, or was switched off."""
+    """Record of the moments at which simulated drives were told to go to zero."""
 
     told: list[float] = field(default_factory=list)
 
     @contextlib.contextmanager
     def watching(self) -> Iterator[None]:
-        """Look over the shoulders of the simulated drives."""
+        """Record every command to zero of the simulated drives."""
         ramp = SimulatedDrive.ramp_to_zero
 
         def noted(drive: SimulatedDrive, duration_s: float) -> None:
@@ -104,12 +105,12 @@ class Timed:
 
 
 def wall_of(station: Station, bench_s: float) -> float:
-    """Wall time (`time.monotonic`) at which a moment of bench time was due."""
+    """Return the wall time (`time.monotonic`) at which a moment of bench time was due."""
     return station.acquisition._wall_start + bench_s
 
 
 def overload(station: Station, draw: np.random.Generator) -> Callable[[], float]:
-    """Let the drive pull past the limit; its moment is when the true torque crosses it."""
+    """Exceed the torque limit; return a function for the moment when the torque crosses it."""
     del draw
     bench = cast(SimulatedBench, station.drivers.counter)
     started_s = station.clock.now()
@@ -125,7 +126,7 @@ def overload(station: Station, draw: np.random.Generator) -> Callable[[], float]
 
 
 def outlier_reading(station: Station, draw: np.random.Generator) -> Callable[[], float]:
-    """Let the reading jump, from a moment between two looks on."""
+    """Let the reading jump at a random moment between two checks."""
     bench = cast(SimulatedBench, station.drivers.counter)
     start_s = station.clock.now() + 0.1 + float(draw.uniform(0.0, 0.05))
     bench.twin.inject_fault("output_torque", "outlier", start_s=start_s, duration_s=FAULT_S)
@@ -133,7 +134,7 @@ def outlier_reading(station: Station, draw: np.random.Generator) -> Callable[[],
 
 
 def lost_signal(station: Station, draw: np.random.Generator) -> Callable[[], float]:
-    """Let the transducer fall silent."""
+    """Let the transducer's signal stop."""
     bench = cast(SimulatedBench, station.drivers.counter)
     start_s = station.clock.now() + 0.1 + float(draw.uniform(0.0, 0.05))
     bench.twin.inject_fault("output_torque", "silent", start_s=start_s, duration_s=FAULT_S)
@@ -141,7 +142,7 @@ def lost_signal(station: Station, draw: np.random.Generator) -> Callable[[], flo
 
 
 def drive_fault(station: Station, draw: np.random.Generator) -> Callable[[], float]:
-    """Let the drive go off by itself."""
+    """Let the drive report a fault and switch off."""
     bench = cast(SimulatedBench, station.drivers.counter)
     time.sleep(float(draw.uniform(0.0, 0.05)))
     bench._axes["output"].fault = "overcurrent"
@@ -151,7 +152,7 @@ def drive_fault(station: Station, draw: np.random.Generator) -> Callable[[], flo
 
 
 def stop_asked_for(station: Station, draw: np.random.Generator) -> Callable[[], float]:
-    """Press stop."""
+    """Request an emergency stop."""
     time.sleep(float(draw.uniform(0.0, 0.05)))
     now = time.monotonic()
     station.emergency_stop("benchmark")
@@ -178,9 +179,9 @@ def loaded(station: Station) -> Generator[Msg, Any, None]:
 def one_trial(
     station: Station, timed: Timed, cause: str, draw: np.random.Generator
 ) -> float | None:
-    """Return the time from a violation to the last drive's zero command, s.
+    """Return the time from a violation to the command to zero of the last drive, s.
 
-    None where the busy machine let the trial end before it was loaded.
+    None where the bench wasn't loaded in time, because the computer is busy.
     """
     moments: list[Callable[[], float]] = []
 
@@ -202,7 +203,7 @@ def one_trial(
     station.supervisor.wait_safe(10.0)
     alarm = station.supervisor.alarm
     delay_s = timed.told[1] - moments[0]() if moments else None
-    time.sleep(FAULT_S)  # until what was injected is over
+    time.sleep(FAULT_S)  # until the injected fault is over
     station.acknowledge_alarm("benchmark")
     if delay_s is None:
         print(f"  a trial of {cause} was never loaded: {alarm.found if alarm else 'no alarm'}")
@@ -211,7 +212,7 @@ def one_trial(
 
 @contextlib.contextmanager
 def other_programs(count: int) -> Iterator[None]:
-    """Run programs of usual priority that never rest."""
+    """Run busy programs of usual priority."""
     running = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
     try:
         yield
@@ -223,7 +224,7 @@ def other_programs(count: int) -> Iterator[None]:
 
 @contextlib.contextmanager
 def busy(threads: int) -> Iterator[None]:
-    """Compute in Python beside everything else."""
+    """Run busy Python threads in this process."""
     ending = threading.Event()
 
     def compute() -> None:
@@ -244,7 +245,7 @@ def busy(threads: int) -> Iterator[None]:
 
 
 def delays(fast_check_s: float, trials: int, situation: Situation) -> dict[str, list[float]]:
-    """Return the delays of every cause in ms, drawn by one seed."""
+    """Return the delays of every cause in ms; one seed determines their random moments."""
     draw = np.random.default_rng(1)
     found: dict[str, list[float]] = {cause: [] for cause in CAUSES}
     timed = Timed()
@@ -264,7 +265,7 @@ def delays(fast_check_s: float, trials: int, situation: Situation) -> dict[str, 
 
 
 def processor_share(fast_check_s: float, wall_s: float) -> float:
-    """Processor time of this process by wall time while the bench stands loaded, %."""
+    """Return the share of one processor that this process uses while the bench is loaded, %."""
     with (
         tempfile.TemporaryDirectory() as folder,
         Station.open(described(fast_check_s), Path(folder), real_time=True) as station,
@@ -289,7 +290,7 @@ def _ready(station: Station) -> Generator[Msg, Any, None]:
 
 
 def report(situation: Situation, found: dict[str, list[float]]) -> float:
-    """Print percentiles in ms; return the worst 99th."""
+    """Print percentiles in ms; return the worst 99th percentile."""
     print(f"\n{situation.title}")
     heads = [f"p{p:g}" if p < 100 else "max" for p in PERCENTILES]
     print(f"  {'cause':16s}{'trials':>7s}" + "".join(f"{head:>9s}" for head in heads))
@@ -300,7 +301,7 @@ def report(situation: Situation, found: dict[str, list[float]]) -> float:
 
 
 def markdown(measured: Mapping[Situation, Mapping[str, list[float]]]) -> str:
-    """Return the table of a document: median, 99th percentile and worst in each situation."""
+    """Return the page's table: median, 99th percentile and worst delay in each situation."""
     heads = [f"{each.title}: median, 99 %, worst" for each in measured]
     lines = [f"| cause | {' | '.join(heads)} |", "| --- " * (len(heads) + 1) + "|"]
     for cause in CAUSES:
@@ -324,7 +325,7 @@ def markdown(measured: Mapping[Situation, Mapping[str, list[float]]]) -> str:
 
 
 def print_costs() -> None:
-    """Say what looking more or less often costs."""
+    """Print the processor time that shorter and longer intervals between fast checks cost."""
     print("\nlooks and what they cost, loaded bench, % of one processor")
     for fast_check_s in FAST_CHECKS_S:
         print(f"  {1e3 * fast_check_s:5g} ms  {processor_share(fast_check_s, 10.0):5.1f} %")

@@ -1,8 +1,8 @@
-"""Speed and noise of the counters, beside plain reads of memory.
+"""Speed and noise of the frequency counters, compared with plain reads of memory.
 
-Everything runs in one thread. Times are the processor's time for this process, the least of several
-rounds in which all contenders take turns: other work on the machine may make all of them slower by
-its use of caches and memory, but doesn't count as theirs.
+Everything runs in one thread. Times are processor times of this process, the least of several
+rounds in which all contenders take turns. Other programs may slow all of them through caches and
+memory, but their processor time isn't counted.
 """
 
 import argparse
@@ -23,17 +23,17 @@ from torquebench.signals import (
 TIMEBASE_HZ = 100e6
 WINDOW_TICKS = 100_000
 METHODS: tuple[CounterMethod, ...] = ("reciprocal", "regression", "triangular")
-# Edges handed to a stream at once: about a minute of a transducer, as when a record is evaluated.
+# Edges in one block: about a minute of a transducer's signal, as when a record is evaluated.
 BLOCK_EDGES = 2**22
 JITTER_S = 5e-9
 DAY_EDGES = 4 * 60e3 * 86_400
-"""Recorded in a day by four transducers."""
+"""Edges that four transducers deliver in a day."""
 
 Ticks = NDArray[np.int64]
 
 
 def pulse_train(frequency_hz: float, edges: int, seed: int) -> Ticks:
-    """Edges with jitter, in ticks of the timebase."""
+    """Return edges with jitter, in ticks of the timebase."""
     generator = np.random.default_rng(seed)
     times = np.cumsum(np.full(edges, TIMEBASE_HZ / frequency_hz)) + 1000.0
     times += generator.normal(0.0, JITTER_S * TIMEBASE_HZ, edges)
@@ -54,7 +54,7 @@ def count_stream(ticks: Ticks, method: CounterMethod) -> None:
 def measure_counters(
     console: Console, frequency_hz: float, edges: int, rounds: int
 ) -> dict[str, float]:
-    """Million edges per second of each counter, beside plain reads and copies."""
+    """Return million edges per second of each counter, and of plain reads and copies."""
     ticks = pulse_train(frequency_hz, edges, seed=1)
     target = np.empty_like(ticks)
     fast: dict[str, Callable[[], object]] = {
@@ -76,13 +76,13 @@ def measure_counters(
 
 
 def noise_ratio(method: CounterMethod, windows: int) -> tuple[float, float]:
-    """Measured noise in ppm, and its ratio to theory, over windows of 1 ms each."""
+    """Return the measured noise in ppm, and its ratio to theory, for windows of 1 ms."""
     generator = np.random.default_rng(7)
     frequency = generator.uniform(59e3, 61e3, windows)
     period = TIMEBASE_HZ / frequency[:, None]
     starts = np.arange(windows) * WINDOW_TICKS
     number = np.arange(int(WINDOW_TICKS / period.max()) - 1)
-    # Well inside the window, so that no edge falls out of it.
+    # Well inside the window, so that jitter moves no edge out of it.
     phase = generator.uniform(0.1, 0.5, (windows, 1))
     times = starts[:, None] + (phase + number) * period
     times += generator.normal(0.0, JITTER_S * TIMEBASE_HZ, times.shape)
@@ -102,7 +102,7 @@ def noise_ratio(method: CounterMethod, windows: int) -> tuple[float, float]:
 
 
 def measure_noise(console: Console, windows: int) -> dict[str, float]:
-    """Noise with jitter against the formulas of arXiv:1506.05009."""
+    """Compare the noise caused by jitter with the formulas of arXiv:1506.05009."""
     found = {name: noise_ratio(name, windows) for name in METHODS}
     rows = [
         [name, f"{scatter:.2f}", f"{2 * scatter:.2f}", f"{ratio:.3f}"]

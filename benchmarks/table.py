@@ -1,10 +1,10 @@
-"""Speed of compiled tables, side by side with what they replace.
+"""Speed of compiled tables, compared with a network in NumPy and with ``numpy.interp``.
 
 In one run, on one core, on the same readings: the 1-50-1 network in blocked NumPy, and compiled
 tables with and without branches, batch after batch of as many readings as files are read and
-compensated at once; then single readings from Python beside
-``numpy.interp``. Every figure is the least processor time of several rounds that take turns: other
-work on the machine hits all alike, and its own time doesn't count.
+compensated at once; then single readings from Python beside ``numpy.interp``. Every figure is the
+least processor time of several rounds in which all take turns: other programs slow all of them
+alike, and their own time isn't counted.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ Way = Callable[[FloatArray, FloatArray, int], None]
 
 _HIDDEN = 50
 BATCH = 1 << 16
-"""Readings that commands read from a file and compensate at once."""
+"""Number of readings that commands read from a file and compensate at once."""
 _BATCHES = 16
-"""Batches in a round of a table: processor time has to be longer than its resolution."""
+"""Batches in one round of a table, so that a round is longer than the clock's resolution."""
 
 
 # --- what tables are compared with -------------------------------------------------------------
@@ -40,8 +40,8 @@ _BATCHES = 16
 class Network:
     """The 1-50-1 network in blocked NumPy, without any allocation inside the loop.
 
-    The aim is held against `rows`, as anybody would write it; two other ways that move more of the
-    work into matrix products are measured beside it.
+    The aim is a ratio to `rows`, the usual implementation; two others, which move more of the work
+    into matrix products, are measured as well.
     """
 
     def __init__(self, seed: int) -> None:
@@ -53,7 +53,7 @@ class Network:
         self.full_scale = 2000.0
 
     def rows(self, reading: FloatArray, out: FloatArray, block: int) -> None:
-        """One row a reading: outer product, tanh, matrix-vector product."""
+        """Evaluate with one row per reading: outer product, tanh, matrix-vector product."""
         hidden = np.empty((block, _HIDDEN))
         for start in range(0, reading.size, block):
             part = reading[start : start + block] / self.full_scale
@@ -64,7 +64,7 @@ class Network:
             np.dot(layer, self.outputs, out=out[start : start + block])
 
     def columns(self, reading: FloatArray, out: FloatArray, block: int) -> None:
-        """One row a hidden unit."""
+        """Evaluate with one row per hidden unit."""
         hidden = np.empty((_HIDDEN, block))
         for start in range(0, reading.size, block):
             part = reading[start : start + block] / self.full_scale
@@ -75,7 +75,7 @@ class Network:
             np.dot(self.outputs, layer, out=out[start : start + block])
 
     def product(self, reading: FloatArray, out: FloatArray, block: int) -> None:
-        """One row a reading, weights and biases by one matrix product."""
+        """Evaluate with one row per reading, weights and biases in one matrix product."""
         hidden, inputs = np.empty((block, _HIDDEN)), np.ones((block, 2))
         for start in range(0, reading.size, block):
             part = reading[start : start + block]
@@ -86,7 +86,7 @@ class Network:
             np.dot(layer, self.outputs, out=out[start : start + block])
 
     def tuned(self, reading: FloatArray, out: FloatArray) -> dict[str, tuple[Way, int]]:
-        """Return every way with its fastest block size, by its name."""
+        """Return every implementation with its fastest block size, by name."""
         best: dict[str, tuple[Way, int]] = {}
         for way in (self.rows, self.columns, self.product):
             blocks = {
@@ -109,10 +109,10 @@ def compiled(kind: str) -> CompensationTable:
 
 
 def measure_batches(rounds: int) -> dict[str, float]:
-    """Compare on a batch, which has just been read in practice: it is in the caches."""
+    """Compare the speeds for a batch that is in the caches, as it is when just read from a file."""
     generator = np.random.default_rng(5)
     reading = generator.uniform(-2000.0, 2000.0, BATCH)
-    # branches as a bench has them: stretches, not single readings
+    # long stretches of one branch, as on a bench
     branch = np.repeat(generator.integers(-1, 2, BATCH // 1000 + 1), 1000)[:BATCH].astype(np.int8)
     out = np.empty_like(reading)
     networks = Network(7).tuned(reading, out)
@@ -151,7 +151,7 @@ def _often(run: Callable[[], object]) -> None:
 
 
 def measure_scalars(rounds: int) -> dict[str, float]:
-    """Compare for one reading from plain Python."""
+    """Compare the speeds for single readings from plain Python."""
     table = compiled("hybrid")
     nodes = table.curve.nodes()
     values = table.torque(nodes)

@@ -1,4 +1,4 @@
-"""Errors of single readings while the simulated bench turns, by the commands' own path.
+"""Errors of single readings while the simulated bench turns, calculated as the commands do.
 
 This calibrates both modules of nominal benches at standstill at
 three temperatures (`calibrate`) and against the turning calibrator (`turn --profile
@@ -57,10 +57,10 @@ SEEDS = 10
 CALIBRATED_C = (23.0, 12.0, 35.0, 48.0)
 USED_C = (10.0, 20.0, 30.0, 40.0, 50.0)
 BEHIND_K = 3.0
-"""By how much the shafts are colder than their transducers in the last stretch."""
+"""Difference by which the shafts are colder than their transducers in the last stretch, K."""
 AVERAGED = 10
 SLICES = 20
-"""Parts of a window whose true means are weighed."""
+"""Number of parts of a window for the weighted mean of the true torque."""
 LEGS = 5
 SETTLED_S = 0.2
 LARGEST_RPM: dict[Side, float] = {"input": 1200.0, "output": 15.0}
@@ -96,7 +96,7 @@ class Result:
 
 
 def bench_of(seed: int) -> Any:
-    """Return the packaged simulated bench with another seed, stated for the benchmark's climate."""
+    """Return the packaged simulated bench with another seed, for the benchmark's temperatures."""
     bench = default_bench()
     conditions = bench.conditions.model_copy(
         update={"temperature_low_c": min(USED_C), "temperature_high_c": max(USED_C)}
@@ -112,7 +112,7 @@ def calibrated_chain(station: Station, side: Side, soak: Soak, folder: Path) -> 
         soak(celsius)
         if celsius == CALIBRATED_C[0]:
             measured = measure_calibration(station, side, load_profile("rapid-in-situ"))
-        else:  # the calibrator's own span changes with temperature, the standard's hardly
+        else:  # the calibrator's span depends on temperature, the standard's hardly does
             measured = measure_verification(station, side, _FEW, seed=round(celsius))
         tables.append(folder / f"{side}-static-{celsius:g}.csv")
         found = measured.result  # as `records export` writes it
@@ -127,7 +127,7 @@ def calibrated_chain(station: Station, side: Side, soak: Soak, folder: Path) -> 
 
 
 def fitted_chain(tables: Sequence[Path], runs: Sequence[Path], side: Side) -> MeasuringChain:
-    """Fit a chain to its files, as ``fit`` does: the tables state U of their standards."""
+    """Fit a chain to its files, as ``fit`` does; the tables state the standards' U."""
     points = joined_tables({path.name: read_calibration(path) for path in tables})
     turning = identify_turning(points, [read_empty_run(path) for path in runs])
     with warnings.catch_warnings():
@@ -139,7 +139,7 @@ def fitted_chain(tables: Sequence[Path], runs: Sequence[Path], side: Side) -> Me
 
 @dataclass
 class Stretch:
-    """What was read at one temperature, and the truth."""
+    """Readings at one temperature, and the true torques."""
 
     readings: Readings
     true_nm: Any
@@ -148,10 +148,10 @@ class Stretch:
 def weighted_truth(
     true_means: Callable[[FloatArray], FloatArray], time_s: FloatArray, window_s: float
 ) -> FloatArray:
-    """Return true torques in windows, weighed over each of them as the regression counter does.
+    """Return true torques in windows, weighted over each window as by the regression counter.
 
-    The slope of a straight line through the edges' phase weighs the frequency by a parabola. A
-    torque at the shaft's resonance has another mean by it than by equal weights.
+    A straight line's slope through the edges' phases weights the frequency with a parabola. For a
+    torque at the shaft's resonance, this mean differs from that with equal weights.
     """
     borders = np.linspace(-0.5, 0.5, SLICES + 1)
     edges = np.unique(np.round((time_s[:, None] + window_s * borders[None, :]).ravel(), 9))
@@ -162,7 +162,7 @@ def weighted_truth(
 
 
 def used(station: Station, side: Side, soak: Soak, seed: int) -> list[Stretch]:
-    """Follow random torques and speeds at several temperatures, with one zero."""
+    """Record random torques and speeds at several temperatures, after a single zeroing."""
     devices, stretches = station.devices, list[Stretch]()
     module, range_nm = devices.module(side), station.description.module(side).range_nm
     probe = station.description.module(side).temperature_probe or ""
@@ -172,7 +172,7 @@ def used(station: Station, side: Side, soak: Soak, seed: int) -> list[Stretch]:
     truth: Any = station.drivers.counter  # the simulated bench
 
     def stretch(zeroed_c: float) -> Plan:
-        yield from bps.sleep(SETTLED_S)  # no window holds both temperatures
+        yield from bps.sleep(SETTLED_S)  # no window spans two temperatures
         yield from bps.abs_set(devices.recorder, "mark", wait=True)
         for _ in range(LEGS):
             speed = generator.uniform(-1, 1) * top * RAD_S_PER_RPM
@@ -185,7 +185,7 @@ def used(station: Station, side: Side, soak: Soak, seed: int) -> list[Stretch]:
             yield from bps.sleep(generator.uniform(0.2, 1.5))
             before = yield from temperature_c(devices, probe)
             yield from bps.trigger(devices.recorder, wait=True)
-            yield Msg("read", devices.recorder)  # begins the next piece
+            yield Msg("read", devices.recorder)  # starts the next stretch's recording
             found = devices.recorder.modules[side]
             true_nm = weighted_truth(partial(truth.true_means, side), found.time_s, window_s)
             known = Readings(
@@ -221,12 +221,12 @@ def used(station: Station, side: Side, soak: Soak, seed: int) -> list[Stretch]:
 
 
 def measure(task: tuple[int, Side]) -> Result:
-    """Calibrate, fit, use."""
+    """Calibrate and fit a module's chain, and return its errors while the bench turns."""
     seed, side = task
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         with Station.open(bench_of(seed), folder / "data") as station:
-            # Only the simulated counter has a twin; the drivers' protocol knows none.
+            # Only the simulated counter has a twin; drivers in general have none.
             soak = station.drivers.counter.twin.soak  # type: ignore[attr-defined]
             chain = calibrated_chain(station, side, soak, folder)
             stretches = used(station, side, soak, seed)
@@ -235,7 +235,7 @@ def measure(task: tuple[int, Side]) -> Result:
 
 
 def kept(into: Path | None, task: tuple[int, Side]) -> Result:
-    """Measure, or read what an interrupted run measured."""
+    """Return the result, read from its file if an interrupted run has already measured it."""
     if into is None:
         return measure(task)
     into.mkdir(parents=True, exist_ok=True)
@@ -248,7 +248,7 @@ def kept(into: Path | None, task: tuple[int, Side]) -> Result:
 def judged(
     seed: int, side: Side, chain: MeasuringChain, stretches: Sequence[Stretch], range_nm: float
 ) -> Result:
-    """Compensate as ``apply`` does, and compare."""
+    """Return the errors of readings compensated as ``apply`` does."""
     stream, static = RecordedStream(chain), RecordedStream(MeasuringChain(chain.model))
     errors, raw, alone, expanded = [], [], [], []
     for number, each in enumerate(stretches):
@@ -276,7 +276,7 @@ def judged(
 
 
 def _means(values: FloatArray) -> FloatArray:
-    """Return means over `AVERAGED` windows of one stretch."""
+    """Return means over `AVERAGED` windows each of one stretch."""
     count = values.size // AVERAGED
     return np.asarray(values[: count * AVERAGED].reshape(count, AVERAGED).mean(axis=1))
 
@@ -313,7 +313,7 @@ rotation, inertia and ripple.
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the benchmark; return 1 where a target is missed."""
+    """Run the benchmark; return 1 where an aim is missed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seeds", type=int, default=SEEDS, help=f"benches (default {SEEDS})")
     parser.add_argument("--first-seed", type=int, default=1)
