@@ -18,6 +18,7 @@ __all__ = [
     "known_or",
     "row_of",
     "rows_of",
+    "unknown",
 ]
 
 FloatArray = NDArray[np.float64]
@@ -130,19 +131,30 @@ def known_or(value: Known, otherwise: float) -> FloatArray:
     return np.where(np.isnan(value), otherwise, value)
 
 
-def row_of(value: Known, count: int, otherwise: float = np.nan) -> FloatArray:
-    """Return a quantity as one value per reading, with a default if it wasn't measured.
+def unknown(value: Known) -> NDArray[np.bool_] | bool:
+    """Return where a quantity isn't measured: for each reading, or for all where it is one value.
 
     Examples
     --------
-    >>> row_of(None, 2).tolist(), row_of(np.array([1.0, np.nan]), 2, 5.0).tolist()
-    ([nan, nan], [1.0, 5.0])
+    >>> unknown(None), unknown(5.0), unknown(np.array([1.0, np.nan])).tolist()
+    (True, False, [False, True])
+    """
+    if isinstance(value, np.ndarray):
+        return np.isnan(value)
+    return value is None or value != value
+
+
+def row_of(value: Known, count: int) -> FloatArray:
+    """Return a quantity for each reading; NaN where it isn't measured.
+
+    Examples
+    --------
+    >>> row_of(None, 2).tolist(), row_of(5.0, 2).tolist()
+    ([nan, nan], [5.0, 5.0])
     """
     if isinstance(value, np.ndarray) and value.shape == (count,):
-        return value if otherwise != otherwise else known_or(value, otherwise)
-    row = np.empty(count)
-    row.fill(otherwise if value is None or value != value else value)
-    return row
+        return value
+    return np.full(count, np.nan if value is None else value)
 
 
 def rows_of(readings: Readings, rows: slice) -> Readings:

@@ -74,8 +74,10 @@ class Component(NamedTuple):
     distribution: Shapes = Distribution.NORMAL
 
 
-def by_row(rows: NDArray[np.bool_], these: Distribution, others: Distribution) -> Shapes:
+def by_row(rows: NDArray[np.bool_] | bool, these: Distribution, others: Distribution) -> Shapes:
     """Return one distribution for the torques in `rows` and another for all others."""
+    if isinstance(rows, bool):
+        return these if rows else others
     if rows.all() or not rows.any():
         return these if rows.any() else others
     return np.array([these if row else others for row in rows.tolist()], dtype=object)

@@ -25,6 +25,7 @@ from scipy.special import ndtr, stdtrit
 
 from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.state import storable
+from torquebench.elementwise import elementwise, located, on_lines
 
 __all__ = ["COVERAGE_95", "CurveUncertainty", "half_widths", "student_widening"]
 
@@ -78,8 +79,11 @@ class CurveUncertainty:
 
     def scatter_at(self, u: FloatArray) -> FloatArray:
         """Return the scatter of single readings at readings u."""
-        scatter = np.broadcast_to(self.scatter, self.nodes.shape)
-        return np.asarray(np.interp(u, self.nodes, scatter))
+        if not isinstance(self.scatter, np.ndarray):
+            return self.scatter + 0.0 * u
+        _, (at,) = elementwise(u.size, u)
+        (scatter,) = on_lines(self.scatter[None], located(self.nodes, at))
+        return np.asarray(scatter).reshape(u.shape)
 
 
 def half_widths(bias: FloatArray, spread: FloatArray) -> FloatArray:

@@ -21,16 +21,18 @@ difference counts as an uncertainty; beyond the loop the whole amplitude is unce
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.compensation.table import CompensationTable
+from torquebench.elementwise import elementwise, in_rows, located, on_lines
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -64,40 +66,11 @@ def reversing_path(full_scale_nm: float) -> FloatArray:
     return full_scale_nm * np.array([0.0, 1.0, -1.0, 1.0, -1.0, 0.0])
 
 
-_AT_ONCE = 1 << 14
+_AT_ONCE = 1 << 12
 """Readings whose states are in memory at once."""
 
 _ONE_BY_ONE = 48
 """Up to this number of readings, a loop over readings is faster than parallel chunks."""
-
-
-def _follow(reading: FloatArray, operators: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Move the play operators along the readings, and return the state's bounds at each reading.
-
-    The rows of `operators` are widths, weights, and the lower and upper bounds of their positions.
-    """
-    widths, weights, bounds = operators[0], operators[1], operators[2:]
-    states = np.empty((2, reading.size))
-    for start in range(0, reading.size, _AT_ONCE):
-        part = reading[start : start + _AT_ONCE]
-        columns, places = _places(part, widths, bounds)
-        if columns.shape[1] == 1:  # compute all terms at once; `accumulate` adds them one by one
-            terms = weights[:, None] * (columns[:, :, None] - places[..., 0]) / widths[:, None]
-            state = np.add.accumulate(terms, axis=1)[:, -1, :, None]
-        else:
-            state = np.zeros((len(places), 2, columns.shape[1]))
-            for play, (width, weight) in enumerate(
-                zip(widths.tolist(), weights.tolist(), strict=True)
-            ):
-                state += weight * (columns[:, None] - places[:, play]) / width
-        states[:, start : start + part.size] = _in_a_row(state)[:, : part.size]
-        bounds[:] = places[-1, :, :, -1].T
-    return states[1], states[0]
-
-
-def _in_a_row(columns: FloatArray) -> FloatArray:
-    """Reshape columns of chunks (length, 2, chunks) to rows of readings (2, n)."""
-    return columns.transpose(1, 2, 0).reshape(2, -1)
 
 
 def _places(
@@ -114,32 +87,34 @@ def _places(
     ----------
     reading : float64 array of shape (n,)
         At least one; the last reading fills up the last chunk, which doesn't move the operators.
-    widths : float64 array of shape (j,)
-    start : float64 array of shape (2, j)
+    widths : float64 array of shape (j, 1)
+    start : float64 array of shape (j, 2)
 
     Returns
     -------
     columns : float64 array of shape (length, chunks)
     places : float64 array of shape (length, j, 2, chunks)
     """
-    length = reading.size if reading.size <= _ONE_BY_ONE else ceil(sqrt(reading.size))
-    chunks = -(-reading.size // length)
-    missing = chunks * length - reading.size
-    filled = np.concatenate((reading, reading[-1:].repeat(missing))) if missing else reading
-    columns = filled.reshape(chunks, length).T.copy()
-    low, high = (columns[:, None] + side * widths[:, None] for side in (-1.0, 1.0))
-    starts = np.empty((chunks, widths.size, 2))
-    starts[0] = start.T
+    length, chunks, columns = reading.size, 1, reading[:, None]
+    if length > _ONE_BY_ONE:
+        length = ceil(sqrt(reading.size))
+        chunks = -(-reading.size // length)
+        columns = np.pad(reading, (0, chunks * length - reading.size), mode="edge")
+        columns = columns.reshape(chunks, length).T.copy()
+    low, high = columns[:, None] - widths, columns[:, None] + widths
+    now = start[:, :, None]
     if chunks > 1:
         clamp = np.stack((low[0], high[0]))
         for k in range(1, length):
             np.maximum(low[k], np.minimum(high[k], clamp, out=clamp), out=clamp)
         least, most = clamp.transpose(0, 2, 1)[..., None]
+        starts = np.empty((chunks, *start.shape))
+        starts[0] = start
         for chunk in range(1, chunks):
             before = np.minimum(most[chunk - 1], starts[chunk - 1])
             np.maximum(least[chunk - 1], before, out=starts[chunk])
-    places = np.empty((length, widths.size, 2, chunks))
-    now = starts.transpose(1, 2, 0)
+        now = starts.transpose(1, 2, 0)
+    places = np.empty((length, *start.shape, chunks))
     for k in range(length):
         now = np.minimum(high[k, :, None], now, out=places[k])
         np.maximum(low[k, :, None], now, out=now)
@@ -232,7 +207,7 @@ class HysteresisOperator:
         generic = cls.generic(table.reach_nm, path_nm)
         grid = generic._grid[(generic._grid >= table.reading_low_nm)]
         grid = grid[grid <= table.reading_high_nm]
-        rising, falling = _rising_and_falling(table, grid)
+        rising, falling = table.curve.branches(grid)
         parts = np.column_stack(
             [generic._only(play)._loop_width_at(grid) for play in range(generic.widths_nm.size)]
         )
@@ -243,7 +218,7 @@ class HysteresisOperator:
 
     def tracker(self) -> BranchTracker:
         """Return a tracker without history."""
-        return BranchTracker(self)
+        return BranchTracker((self,))
 
     def _only(self, play: int) -> HysteresisOperator:
         return HysteresisOperator(
@@ -315,8 +290,8 @@ class BranchTracker:
 
     Parameters
     ----------
-    operator : HysteresisOperator
-        Widths and weights of the play operators.
+    operators : sequence of HysteresisOperator
+        For one range and path.
 
     Examples
     --------
@@ -326,10 +301,14 @@ class BranchTracker:
     ([-0.912, 1.0, -1.0, 1.0], [0.912, 1.0, -1.0, 1.0])
     """
 
-    def __init__(self, operator: HysteresisOperator) -> None:
-        self.operator = operator
-        self._operators = np.empty((4, len(operator.widths_nm)))
-        self._operators[0], self._operators[1] = operator.widths_nm, operator.weights
+    def __init__(self, operators: Sequence[HysteresisOperator]) -> None:
+        widths = np.unique(np.concatenate([operator.widths_nm for operator in operators]))
+        weights = np.zeros((len(operators), widths.size))
+        for operator, row in zip(operators, weights, strict=True):
+            np.add.at(row, widths.searchsorted(operator.widths_nm), operator.weights)
+        self._widths, self._weights = widths[:, None], weights[:, None, :, None, None]
+        path_nm, full_scale_nm = operators[0].path_nm, operators[0].full_scale_nm
+        self._largest_nm = max(full_scale_nm, float(np.max(np.abs(path_nm))))
         self.forget()
 
     def forget(self) -> None:
@@ -337,19 +316,16 @@ class BranchTracker:
 
         Only full scale limits the operators: none is farther out than full scale less its width.
         """
-        largest = max(self.operator.full_scale_nm, float(np.max(np.abs(self.operator.path_nm))))
-        self._operators[3] = np.maximum(largest - self._operators[0], 0.0)
-        self._operators[2] = -self._operators[3]
+        farthest = np.maximum(self._largest_nm - self._widths, 0.0)
+        self._bounds = farthest * (-1.0, 1.0)
 
     def settle(self, reading_nm: float) -> None:
         """Start from a demagnetised state: every operator in its middle at a reading."""
-        self._operators[2:] = reading_nm
+        self._bounds = np.full((self._widths.size, 2), reading_nm)
 
     def copy(self) -> BranchTracker:
         """Return a second tracker in the same state."""
-        other = BranchTracker(self.operator)
-        other._operators = self._operators.copy()
-        return other
+        return copy(self)
 
     def push(self, reading_nm: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Update the state with the next readings of the stream.
@@ -362,25 +338,39 @@ class BranchTracker:
         Returns
         -------
         low, high : float64 array of shape (n,)
-            Bounds of the state at each reading, -1 to 1; equal where the past is known.
+            Bounds of the first operator's state at each reading, -1 to 1; equal where the past is
+            known.
 
         Raises
         ------
         InputError
             When a reading is not a number.
         """
-        reading = np.ascontiguousarray(reading_nm, dtype=np.float64)
-        if reading.ndim != 1 or not np.all(np.isfinite(reading)):
-            raise _gaps()
-        return _follow(reading, self._operators)
+        high, low = self.follow(np.ascontiguousarray(reading_nm, dtype=np.float64))[0]
+        return low, high
 
+    def follow(self, reading_nm: FloatArray) -> FloatArray:
+        """Move along readings; return each operator's largest and smallest state there.
 
-def _gaps() -> InputError:
-    return InputError(
-        "readings with gaps (not a number)",
-        "finite readings in one row",
-        "call forget() after a gap",
-    )
+        The shape is (operators, 2, n).
+        """
+        if reading_nm.ndim != 1 or not np.isfinite(reading_nm).all():
+            raise InputError(
+                "readings with gaps (not a number)",
+                "finite readings in one row",
+                "call forget() after a gap",
+            )
+        states = np.empty((len(self._weights), 2, reading_nm.size))
+        for start in range(0, reading_nm.size, _AT_ONCE):
+            part = reading_nm[start : start + _AT_ONCE]
+            columns, places = _places(part, self._widths, self._bounds)
+            terms = self._weights * (columns[:, None, None] - places) / self._widths[:, None]
+            # along an axis that isn't the last one: one by one, however many readings there are
+            total = np.add.reduce(terms, axis=2)
+            in_order = total.transpose(0, 2, 3, 1).reshape(*states.shape[:2], -1)
+            states[:, :, start : start + part.size] = in_order[:, :, : part.size]
+            self._bounds = places[-1, :, :, -1]
+        return states
 
 
 class LiveTorque(NamedTuple):
@@ -397,10 +387,6 @@ class LiveTorque(NamedTuple):
         of the play operators' weights within the calibrated loop, and the uncertainty beyond it; 0
         on the loop if the past is known. Its standard uncertainty is that of a rectangular
         distribution.
-    fault : bool array of shape (n,)
-        True where the reading is outside the calibrated range.
-    standard_uncertainty_nm : float64 array of shape (n,)
-        Root sum of squares of `curve_uncertainty_nm` and of `half_width_nm` / √3.
     curve_uncertainty_nm : float64 array of shape (n,)
         Standard uncertainty of the model at this position of the loop; 0 for a table without
         uncertainty.
@@ -411,27 +397,13 @@ class LiveTorque(NamedTuple):
     torque_nm: FloatArray
     coordinate: FloatArray
     half_width_nm: FloatArray
-    fault: NDArray[np.bool_]
-    standard_uncertainty_nm: FloatArray
     curve_uncertainty_nm: FloatArray
     middle_nm: FloatArray
 
-
-class _State(NamedTuple):
-    """Lower and upper bounds of the state at readings, and the states of the calibration there."""
-
-    bounds: FloatArray
-    falling: FloatArray
-    rising: FloatArray
-
-    @classmethod
-    def at(
-        cls, reading: FloatArray, low: FloatArray, high: FloatArray, reference: FloatArray
-    ) -> _State:
-        grid, falling, rising = reference
-        lower = np.interp(reading, grid, falling)
-        upper = np.maximum(np.interp(reading, grid, rising), lower)
-        return cls(np.array((low, high)), lower, upper)
+    @property
+    def standard_uncertainty_nm(self) -> FloatArray:
+        """Root sum of squares of `curve_uncertainty_nm` and of `half_width_nm` / √3."""
+        return np.sqrt(np.square(self.curve_uncertainty_nm) + np.square(self.half_width_nm) / 3.0)
 
 
 class HistoryCompensator:
@@ -450,15 +422,20 @@ class HistoryCompensator:
     ) -> None:
         self.table = table
         self.operator = HysteresisOperator.from_table(table) if operator is None else operator
-        self.tracker = self.operator.tracker()
-        self._even = HysteresisOperator.generic(self.operator.full_scale_nm, self.operator.path_nm)
-        self._even_tracker = self._even.tracker()
+        even = HysteresisOperator.generic(self.operator.full_scale_nm, self.operator.path_nm)
+        self._grid = self.operator.reference[0]
+        self._calibrated = np.concatenate((self.operator.reference[1:], even.reference[1:]))
+        self._tracker = BranchTracker((self.operator, even))
 
     def copy(self) -> HistoryCompensator:
         """Return a second compensator in the same state."""
         other = copy(self)
-        other.tracker, other._even_tracker = self.tracker.copy(), self._even_tracker.copy()
+        other._tracker = self._tracker.copy()
         return other
+
+    def forget(self) -> None:
+        """Discard the history, as after a gap in the readings or a fault."""
+        self._tracker.forget()
 
     def push(self, reading_nm: ArrayLike) -> LiveTorque:
         """Compensate the next readings of the stream.
@@ -466,81 +443,58 @@ class HistoryCompensator:
         Parameters
         ----------
         reading_nm : array_like of shape (n,)
-            Next readings in N·m, in the order of time.
+            Next readings in N·m, finite and in the order of time.
 
         Returns
         -------
         LiveTorque
         """
-        reading = np.ascontiguousarray(reading_nm, dtype=np.float64)
-        state, even = (
-            _State.at(reading, *each.push(reading), operator.reference)
-            for each, operator in (
-                (self.tracker, self.operator),
-                (self._even_tracker, self._even),
-            )
-        )
-        both = np.concatenate((reading, reading))
-        upward = np.where(reading >= 0.0, 1, -1).astype(np.int8)
-        branch = np.concatenate((upward, -upward))
-        torque, std = np.empty(both.size), np.zeros(both.size)
-        outside = self.table.curve.evaluate(both, branch, torque)
-        if self.table.uncertainty_curve is not None:
-            self.table.uncertainty_curve.evaluate(both, branch, std)
-        fault = np.zeros(reading.size, dtype=np.bool_)
-        if outside:
-            fault = (reading < self.table.reading_low_nm) | (reading > self.table.reading_high_nm)
-        return self._mixed(state, even, torque.reshape(2, -1), std.reshape(2, -1), fault)
-
-    def _mixed(
-        self,
-        state: _State,
-        even: _State,
-        torque: FloatArray,
-        std: FloatArray,
-        fault: NDArray[np.bool_],
-    ) -> LiveTorque:
-        """Return the torque between the loop's two curves; `torque` has the rising one first."""
-        rising, falling = torque
-        amplitude, amplitude_std = self.operator.amplitude_nm, self.operator.amplitude_std_nm
-        width = np.maximum(state.rising - state.falling, 1e-9)
+        readings = np.ascontiguousarray(reading_nm, dtype=np.float64)
+        count, followed = readings.size, self._tracker.follow(readings)
+        number, (reading, *states) = elementwise(count, readings, *followed.reshape(4, count))
+        calibrated = on_lines(self._calibrated, located(self._grid, reading))
+        shares, beyond = _in_loop(number, states[:2], *calibrated[:2])
+        even, _ = _in_loop(number, states[2:], *calibrated[2:])
+        rising, falling = self.table.curve.branches(reading)
         loop = rising - falling
-        inside = np.maximum(state.falling, np.minimum(state.rising, state.bounds))
-        share = (inside - state.falling) / width
-        beyond = state.bounds - inside
-        bound = falling + share * loop + amplitude * beyond
-        place = 2.0 * share - 1.0
-        coordinate = 0.5 * (place[0] + place[1])
-        evenly = np.maximum(even.falling, np.minimum(even.rising, even.bounds)) - even.falling
-        evenly /= np.maximum(even.rising - even.falling, 1e-9)
-        by_past = 0.5 * np.abs(bound[1] - bound[0])
-        by_weights = (0.5 + 0.5 * coordinate - (evenly[0] + evenly[1]) / 2.0) * loop
-        by_amplitude = (abs(amplitude) + amplitude_std) * np.abs(beyond).max(axis=0)
-        half_width = np.sqrt(by_past**2 + by_weights**2 + by_amplitude**2)
-        share = 0.5 * (1.0 + coordinate)
-        curve = np.sqrt(share * std[0] ** 2 + (1.0 - share) * std[1] ** 2)
-        return LiveTorque(
-            torque_nm=0.5 * (bound[0] + bound[1]),
-            coordinate=coordinate,
-            half_width_nm=half_width,
-            fault=fault,
-            standard_uncertainty_nm=np.sqrt(curve * curve + half_width * half_width / 3.0),
-            curve_uncertainty_nm=curve,
-            middle_nm=0.5 * (rising + falling),
+        amplitude, amplitude_std = self.operator.amplitude_nm, self.operator.amplitude_std_nm
+        one, other = (
+            falling + share * loop + amplitude * outside
+            for share, outside in zip(shares, beyond, strict=True)
         )
+        share = 0.5 * (shares[0] + shares[1])
+        by_past = 0.5 * abs(one - other)
+        by_weights = (share - 0.5 * (even[0] + even[1])) * loop
+        largest = number.maximum(abs(beyond[0]), abs(beyond[1]))
+        by_amplitude = (abs(amplitude) + amplitude_std) * largest
+        half = number.sqrt(
+            by_past * by_past + by_weights * by_weights + by_amplitude * by_amplitude
+        )
+        u: FloatArray | float = 0.0
+        if self.table.uncertainty_curve is not None:
+            up, down = self.table.uncertainty_curve.branches(reading)
+            u = number.sqrt(share * (up * up) + (1.0 - share) * (down * down))
+        middle = 0.5 * (rising + falling)
+        return LiveTorque(*in_rows(count, 0.5 * (one + other), 2.0 * share - 1.0, half, u, middle))
 
-    def forget(self) -> None:
-        """Discard the history, as after a gap in the readings or a fault."""
-        self.tracker.forget()
-        self._even_tracker.forget()
 
+def _in_loop(
+    number: Any, states: Sequence[Any], falling: Any, rising: Any
+) -> tuple[list[Any], list[Any]]:
+    """Return the shares of the way from the falling to the rising state, and what is beyond both.
 
-def _rising_and_falling(
-    table: CompensationTable, reading: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return torque on the rising and on the falling curve of the signed torque."""
-    upward = np.where(reading >= 0.0, 1, -1).astype(np.int8)
-    return table.torque(reading, upward), table.torque(reading, -upward)
+    Parameters
+    ----------
+    number : functions of `elementwise`
+    states : sequence of float or float64 array of shape (n,)
+    falling, rising : float or float64 array of shape (n,)
+        States that the calibration passed.
+    """
+    rising = number.maximum(rising, falling)
+    width = number.maximum(rising - falling, 1e-9)
+    inside = [number.maximum(falling, number.minimum(rising, state)) for state in states]
+    shares = [(state - falling) / width for state in inside]
+    return shares, [state - within for state, within in zip(states, inside, strict=True)]
 
 
 def _filled(wanted: FloatArray, other: FloatArray) -> FloatArray:

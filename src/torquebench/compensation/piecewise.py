@@ -2,11 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil, exp, log
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.elementwise import elementwise
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -102,7 +105,7 @@ class PiecewisePolynomial:
         """1 (linear) or 3 (cubic)."""
         return int(self.coefficients.shape[2]) - 1
 
-    @property
+    @cached_property
     def intervals(self) -> int:
         """Number of intervals of a branch."""
         return int(self.coefficients.shape[1])
@@ -130,31 +133,76 @@ class PiecewisePolynomial:
         outside : int
             Number of readings outside the limits, or not a number.
         """
-        order = self.degree + 1
-        table = self.coefficients.reshape(-1, order)
         signs = branch if self.branch_aware else None
         outside = 0
         for start in range(0, reading.size, _BLOCK):
             block = slice(start, start + _BLOCK)
             value = reading[block]
-            held = np.fmin(
-                np.fmax(value, self.low), self.high
-            )  # NaN gets the position of the lower limit
+            held, interval, place = self._located(np, value)
             outside += int(np.count_nonzero(held != value))
-            central = np.minimum(np.maximum(held, -self.near), self.near)
-            location = held * self.scale + (central * self.extra + self.zero) + 0.5
-            interval = location.astype(np.intp)
-            place = location - interval - 0.5
-            interval += self.intervals
+            row = interval + self.intervals
             if signs is not None:
-                interval += self.intervals * signs[block].astype(np.intp)
-            powers = table.take(interval, axis=0)
-            result = powers[:, -1]
-            for power in range(order - 2, -1, -1):
-                result = powers[:, power] + place * result
-            # not `gain · value`: 0 times an infinite or missing reading isn't 0
-            out[block] = value + result if self.gain else result
+                row += self.intervals * signs[block].astype(np.intp)
+            out[block] = self._in_interval(value, row, place)
         return outside
+
+    def branches(self, reading: FloatArray | float) -> tuple[Any, Any]:
+        """Return the values on the rising and on the falling branch of the signed torque.
+
+        Parameters
+        ----------
+        reading : float or float64 array of shape (n,)
+            Beyond the limits the polynomial is taken at the limit.
+
+        Returns
+        -------
+        rising, falling : float or float64 array of shape (n,)
+        """
+        if isinstance(reading, float):
+            return self._branches(elementwise(1)[0], reading)
+        blocks = [
+            self._branches(np, reading[start : start + _BLOCK])
+            for start in range(0, reading.size, _BLOCK)
+        ]
+        rising, falling = zip(*blocks, strict=True) if blocks else ((reading,), (reading,))
+        return np.concatenate(rising), np.concatenate(falling)
+
+    def _branches(self, number: Any, reading: Any) -> tuple[Any, Any]:
+        _, interval, place = self._located(number, reading)
+        middle = interval + self.intervals
+        if not self.branch_aware:
+            value = self._in_interval(reading, middle, place)
+            return value, value
+        size_grows = number.where(reading >= 0.0, self.intervals, -self.intervals)
+        return (
+            self._in_interval(reading, middle + size_grows, place),
+            self._in_interval(reading, middle - size_grows, place),
+        )
+
+    def _located(self, number: Any, reading: Any) -> tuple[Any, Any, Any]:
+        """Return readings within the limits, their intervals, and their places there."""
+        held = number.fmin(number.fmax(reading, self.low), self.high)  # NaN: the lower limit
+        central = number.minimum(number.maximum(held, -self.near), self.near)
+        location = held * self.scale + (central * self.extra + self.zero) + 0.5
+        single = isinstance(location, float)
+        interval = int(location) if single else location.astype(np.intp)
+        return held, interval, location - interval - 0.5
+
+    def _in_interval(self, reading: Any, row: Any, place: Any) -> Any:
+        """Return the values of readings whose polynomials stand in rows of the branches' table."""
+        powers: Any = self._table.take(row, axis=0).T
+        if isinstance(place, float):
+            powers = powers.tolist()
+        value = powers[-1]
+        for power in range(len(powers) - 2, -1, -1):
+            value = powers[power] + place * value
+        # not `gain · reading`: an infinite or missing reading times 0 would not be 0
+        return reading + value if self.gain else value
+
+    @cached_property
+    def _table(self) -> FloatArray:
+        """The coefficients of all branches, a row for each interval."""
+        return self.coefficients.reshape(-1, self.degree + 1)
 
     def nodes(self) -> FloatArray:
         """Edges of the intervals in N·m in ascending order, from the lower to the upper limit."""

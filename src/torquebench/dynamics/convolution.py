@@ -12,19 +12,34 @@ _BLOCK = 4096
 
 
 def convolve(extended: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return Σ weights[k]·x[n − k]; `extended` begins with the weights.size − 1 earlier values."""
-    past = weights.size - 1
-    count = extended.size - past
-    if count <= weights.size:  # terms in rows of samples; `accumulate` adds them one by one
-        shape = (count, weights.size)
-        windows: FloatArray = np.ndarray(shape, np.float64, extended, 0, extended.strides * 2)
-        return np.add.accumulate(windows[:, ::-1] * weights, axis=1)[:, -1].copy()
-    result = np.zeros(count)
-    for first in range(0, count, _BLOCK):
-        part = result[first : first + _BLOCK]
-        for k, weight in enumerate(weights.tolist()):
-            start = first + past - k
-            part += weight * extended[start : start + part.size]
+    """Return Σ weights[k]·x[n − k] of rows with their own weights.
+
+    Parameters
+    ----------
+    extended : float64 array of shape (rows, m - 1 + n)
+        Begins with the m − 1 values before.
+    weights : float64 array of shape (rows, m)
+
+    Returns
+    -------
+    float64 array of shape (rows, n)
+    """
+    rows, past = len(weights), weights.shape[1] - 1
+    count = extended.shape[1] - past
+    if count <= past + 1:  # terms in rows of samples; `accumulate` adds them one by one
+        whole = np.ascontiguousarray(extended)
+        along, step = whole.strides
+        shape = (rows, count, past + 1)
+        windows: FloatArray = np.ndarray(shape, np.float64, whole, 0, (along, step, step))
+        terms = windows[..., ::-1] * weights[:, None]
+        return np.asarray(np.add.accumulate(terms, axis=2)[..., -1])
+    result = np.zeros((rows, count))
+    for total, values, row in zip(result, extended, weights.tolist(), strict=True):
+        for first in range(0, count, _BLOCK):
+            part = total[first : first + _BLOCK]
+            for k, weight in enumerate(row):
+                start = first + past - k
+                part += weight * values[start : start + part.size]
     return result
 
 
@@ -34,9 +49,7 @@ def convolve_uncertain(
     spread: FloatArray,
     weights: FloatArray,
     factors: FloatArray,
-    variances: FloatArray,
-    squares: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, ...]:
     """Filter values; return them with the variances due to the weights and to the values.
 
     Parameters
@@ -45,19 +58,19 @@ def convolve_uncertain(
         Earlier values and their variances; changed in place.
     values, spread : float64[n]
         The next values and their standard uncertainties.
-    weights, squares : float64[m]
-        Weights of the values, and of their variances.
-    factors, variances : float64[r, m], float64[m]
-        Factors of the weights' covariance (no rows if the weights aren't correlated), and their
-        variances.
+    weights : float64[3, m]
+        Weights of the values, those of their variances, and the weights' own variances.
+    factors : float64[r, m]
+        Factors of the weights' covariance (no rows if the weights aren't correlated).
     """
-    extended = np.concatenate((past[0], values))
-    own = np.concatenate((past[1], spread * spread))
+    kept = past.shape[1]
+    extended = np.empty((3, kept + values.size))
+    extended[:2, :kept] = past
+    extended[0, kept:], extended[1, kept:] = values, spread * spread
+    past[:] = extended[:2, values.size :]
+    np.multiply(extended[0], extended[0], out=extended[2])
+    value, noise, by_weights = convolve(extended, weights)
     if factors.shape[0]:
-        by_weights = np.zeros(values.size)
-        for row in factors:
-            by_weights += np.square(convolve(extended, row))
-    else:
-        by_weights = convolve(extended * extended, variances)
-    past[0], past[1] = extended[values.size :], own[values.size :]
-    return convolve(extended, weights), by_weights, convolve(own, squares)
+        repeated = np.broadcast_to(extended[0], (len(factors), extended.shape[1]))
+        by_weights = np.add.accumulate(np.square(convolve(repeated, factors)), axis=0)[-1]
+    return value, by_weights, noise

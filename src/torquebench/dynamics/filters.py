@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.dynamics.convolution import convolve_uncertain
+from torquebench.elementwise import elementwise, in_rows
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -120,15 +121,15 @@ class FilterStream:
     """
 
     def __init__(self, filter: UncertainFilter) -> None:  # noqa: A002 - the field's word
-        self._weights = np.ascontiguousarray(filter.weights)
         self._factors = np.ascontiguousarray(filter.factors)
-        self._variances = np.sum(np.square(self._factors), axis=0)
-        self._squares = np.square(self._weights) + self._variances
+        variances = np.sum(np.square(self._factors), axis=0)
+        squares = np.square(filter.weights) + variances
+        self._weights = np.stack((filter.weights, squares, variances))
         covariance = filter.covariance
         if covariance is not None and not np.any(covariance - np.diag(np.diag(covariance))):
             self._factors = self._factors[:0]
         self._begun = False
-        self._past = np.empty((2, self._weights.size - 1))
+        self._past = np.empty((2, len(squares) - 1))
 
     def copy(self) -> FilterStream:
         """Return a second stream in the same state."""
@@ -154,12 +155,16 @@ class FilterStream:
             to the uncertainty of the samples. None, without filtering, at the start or with a fault
             among the samples; these need `push`.
         """
-        known = np.isfinite(values) & (uncertainty >= 0.0) & (uncertainty < np.inf)
+        known = (abs(values) < np.inf) & (uncertainty >= 0.0) & (uncertainty < np.inf)
         if not self._begun or not known.all():
             return None
-        value, coefficients, noise = self._run(values, uncertainty)
-        added = np.square(np.sqrt(noise)) - np.square(uncertainty)
-        return np.stack((value - values, np.sqrt(coefficients), np.sqrt(np.maximum(added, 0.0))))
+        filtered = self._run(values, uncertainty)
+        number, (before, spread, value, coefficients, noise) = elementwise(
+            values.size, values, uncertainty, *filtered
+        )
+        u = number.sqrt(noise)
+        added = number.sqrt(number.maximum(u * u - spread * spread, 0.0))
+        return in_rows(values.size, value - before, number.sqrt(coefficients), added)
 
     def push(self, values: FloatArray, uncertainty: FloatArray) -> Filtered:
         """Filter the next samples; a fault (NaN) gives NaN.
@@ -194,15 +199,7 @@ class FilterStream:
         if not self._begun:
             self._begun = True
             self._past[0], self._past[1] = values[0], spread[0] ** 2
-        return convolve_uncertain(
-            self._past,
-            values,
-            spread,
-            self._weights,
-            self._factors,
-            self._variances,
-            self._squares,
-        )
+        return convolve_uncertain(self._past, values, spread, self._weights, self._factors)
 
 
 def _runs(finite: NDArray[np.bool_]) -> Iterable[tuple[int, int]]:

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from torquebench.elementwise import elementwise, located, on_lines
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -189,20 +190,20 @@ class CertifiedUncertainty:
 
     def at(self, torque_nm: ArrayLike) -> FloatArray:
         """Return U (k = 2) at torques, N·m."""
-        torque = np.asarray(torque_nm, dtype=np.float64)
-        size = np.abs(torque)
-        found = [_interpolated(size, *direction) for direction in self.directions]
-        return np.where(torque < 0, *found)
+        values = np.asarray(torque_nm, dtype=np.float64)
+        number, (torque,) = elementwise(values.size, values)
+        size, expanded = abs(torque), []
+        for certified in self.directions:
+            sizes = certified[0]
+            within = number.minimum(number.maximum(size, sizes.item(0)), sizes.item(-1))
+            (u,) = on_lines(certified[1:], located(sizes, within))
+            expanded.append(u * (size / within))
+        return np.asarray(number.where(torque < 0.0, *expanded)).reshape(values.shape)
 
     def largest_nm(self, range_nm: float) -> float:
         """Return the largest U up to a torque, N·m."""
         inside = [each for each in self.torque_nm if abs(each) <= range_nm]
         return float(np.max(self.at([-range_nm, range_nm, *inside])))
-
-
-def _interpolated(size: FloatArray, certified: FloatArray, expanded: FloatArray) -> FloatArray:
-    within = np.clip(size, certified[0], certified[-1])
-    return np.asarray(np.interp(within, certified, expanded) * (size / within))
 
 
 def _thinned(torque: FloatArray, expanded: FloatArray) -> FloatArray:

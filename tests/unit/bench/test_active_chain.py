@@ -109,7 +109,7 @@ def all_effects() -> tuple[Effect, ...]:
 
 
 def test_a_window_of_a_chain_with_all_effects_needs_few_calls() -> None:
-    """Operations take all components at once: the live path consists of such windows."""
+    """Formulas take a single window as floats: the live path consists of such windows."""
     active = ActiveChain(MeasuringChain(loop_model("hybrid"), all_effects()), "1", "hybrid")
     active.zero = ZeroTaken(0.0, 23.0, 0.03)
     known = {
@@ -135,7 +135,7 @@ def test_a_window_of_a_chain_with_all_effects_needs_few_calls() -> None:
         sys.setprofile(None)
     assert torque.has_number.all()
     assert len({each.name for each in torque.components}) > 12
-    assert len(calls) < 240
+    assert len(calls) < 210
 
 
 def test_what_is_remembered_is_nothing_for_the_garbage_collection_to_walk_through() -> None:

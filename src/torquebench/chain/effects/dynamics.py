@@ -9,7 +9,6 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from torquebench.chain.corrections import goes_on
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Known, Readings, known_or
 from torquebench.chain.torque import Component, Shared
@@ -223,7 +222,7 @@ class _FollowedDynamics(_AppliedDynamics):
         if not isinstance(counter_nm, np.ndarray) or counter_nm.shape != reading_nm.shape:
             return None
         settled = time.size and memory.settling >= len(self.effect.weights) - 1
-        if not settled or not goes_on(time, memory.last_s, interval_s, _UNEVEN * interval_s):
+        if not settled or not _goes_on(time, memory.last_s, interval_s, _UNEVEN * interval_s):
             return None
         rows = memory.filtering.correct(reading_nm, counter_nm)
         if rows is not None:
@@ -255,6 +254,15 @@ class _FollowedDynamics(_AppliedDynamics):
         unsettled = since < len(self.effect.weights) - 1
         curve[:] = np.hypot(curve, np.where(unsettled, added / _SQUARE_ROOT_3, 0.0))
         self.memory.settling = int(since[-1]) + 1
+
+
+def _goes_on(time_s: FloatArray, before_s: float, interval_s: float, allowed_s: float) -> bool:
+    """Return whether times follow an earlier one, and each other, at an interval."""
+    for time in time_s.tolist():
+        if not abs(time - before_s - interval_s) <= allowed_s:
+            return False
+        before_s = time
+    return True
 
 
 def _components(added: FloatArray, curve: FloatArray, noise: FloatArray) -> tuple[Component, ...]:

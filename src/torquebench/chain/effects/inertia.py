@@ -6,12 +6,10 @@ from dataclasses import dataclass, field
 from math import sqrt
 from typing import ClassVar
 
-import numpy as np
-
-from torquebench.chain.corrections import inertia
 from torquebench.chain.effect import Effect, MeasuredPart, register
-from torquebench.chain.readings import FloatArray, Readings, row_of
+from torquebench.chain.readings import FloatArray, Readings, known_or, unknown
 from torquebench.chain.torque import Component, Shared, by_row
+from torquebench.elementwise import elementwise, in_rows
 from torquebench.uncertainty import Distribution
 
 __all__ = ["Inertia"]
@@ -49,13 +47,18 @@ class Inertia(Effect):
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return the inertia's torque at the acceleration of each reading."""
-        count = torque_nm.size
-        acceleration = row_of(readings.acceleration_rad_s2, count)
-        u, added = inertia(
-            acceleration,
-            row_of(readings.acceleration_uncertainty_rad_s2, count, 0.0),
-            (self.moment_nm_s2, self.uncertainty_nm_s2),
-            self.largest_rad_s2 / sqrt(3.0),
+        number, (acceleration, uncertainty) = elementwise(
+            torque_nm.size,
+            readings.acceleration_rad_s2,
+            known_or(readings.acceleration_uncertainty_rad_s2, 0.0),
         )
-        shape = by_row(np.isnan(acceleration), Distribution.RECTANGULAR, Distribution.NORMAL)
+        nowhere = number.isnan(acceleration)
+        now = number.where(nowhere, 0.0, acceleration)
+        of_now = number.where(nowhere, self.largest_rad_s2 / sqrt(3.0), uncertainty)
+        by_moment, by_now = self.uncertainty_nm_s2 * now, self.moment_nm_s2 * of_now
+        size = number.sqrt(by_moment * by_moment + by_now * by_now)
+        u, added = in_rows(torque_nm.size, number.copysign(size, now), -self.moment_nm_s2 * now)
+        shape = by_row(
+            unknown(readings.acceleration_rad_s2), Distribution.RECTANGULAR, Distribution.NORMAL
+        )
         return (Component("inertia", Shared.CALIBRATION, u, added, distribution=shape),)

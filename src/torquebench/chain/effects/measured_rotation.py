@@ -5,23 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import sqrt
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.chain.corrections import rotation
 from torquebench.chain.effect import Effect, MeasuredPart, Refusal, register
 from torquebench.chain.effects.rotation import STANDSTILL_RPM
-from torquebench.chain.grid import (
-    Numbers,
-    Table,
-    between,
-    bilinear,
-    located,
-)
-from torquebench.chain.readings import FloatArray, Readings, row_of
+from torquebench.chain.grid import Numbers, Table, between
+from torquebench.chain.readings import FloatArray, Readings, row_of, unknown
 from torquebench.chain.torque import Component, Shared, by_row
+from torquebench.elementwise import Place, elementwise, in_rows, located, on_lines, on_tables
 from torquebench.message import Message
 from torquebench.uncertainty import Distribution
 
@@ -141,18 +135,10 @@ class MeasuredRotation(Effect):
 
     @cached_property
     def _columns(self) -> FloatArray:
-        nothing = np.zeros(len(self.speeds_rpm))
-        return np.array(
-            [
-                each or nothing
-                for each in (
-                    self.span,
-                    self.span_uncertainty,
-                    self.running_in_nm,
-                    self.running_in_uncertainty_nm,
-                )
-            ]
-        )
+        """Span over speed, running-in, each followed by its u, and the noise."""
+        columns = (self.span, self.span_uncertainty, self.running_in_nm,
+                   self.running_in_uncertainty_nm, self.noise_nm)  # fmt: skip
+        return np.array([column or np.zeros(len(self.speeds_rpm)) for column in columns])
 
     @cached_property
     def _loads(self) -> FloatArray:
@@ -168,11 +154,10 @@ class MeasuredRotation(Effect):
         rows = np.arange(float(len(self.speeds_rpm)))
         around = np.array(
             [
-                [bilinear(table, located(rows, rows), located(nodes, np.full(rows.size, celsius)))
-                 for table in self._tables]
+                on_tables(self._tables, located(rows, rows), located(nodes, celsius))
                 for celsius in (self.calibrated_c, *between(nodes, self.low_c, self.high_c))
             ]
-        )  # fmt: skip
+        )
         found, spread = around[0], np.max(np.abs(around - around[0]), axis=0) / np.sqrt(3.0)
         found[1], found[3] = np.hypot(found[1], spread[0]), np.hypot(found[3], spread[2])
         return np.asarray(found)
@@ -182,19 +167,15 @@ class MeasuredRotation(Effect):
         return np.array(self.speeds_rpm), np.array(self.at_c), np.array(self.load_at_nm)
 
     @cached_property
-    def _noise(self) -> FloatArray:
-        return np.array(self.noise_nm)
-
-    @cached_property
-    def _unknown(self) -> FloatArray:
+    def _at_unknown_speed(self) -> FloatArray:
         """U of zero, drag, span and running-in at an unknown speed, and the largest drag."""
         even, even_u, odd, odd_u = self._tables
-        span, span_u, running, running_u = self._columns
+        span, span_u, running, running_u, _ = self._columns
         pairs = ((even, even_u), (odd, odd_u), (span, span_u), (running, running_u))
         return np.array([*(np.max(_within(*pair)) for pair in pairs), np.max(np.abs(odd))])
 
     @cached_property
-    def _load_unknown(self) -> FloatArray:
+    def _load_at_unknown_speed(self) -> FloatArray:
         """U of the drag by the load at an unknown speed, and its largest value, over the torque."""
         load, load_u = self._loads
         return np.array([np.max(_within(load, load_u), axis=0), np.max(np.abs(load), axis=0)])
@@ -226,34 +207,16 @@ class MeasuredRotation(Effect):
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return the effects of rotation at each reading's speed, temperature, load and time."""
-        count = torque_nm.size
-        speed, celsius = row_of(readings.speed_rpm, count), row_of(readings.temperature_c, count)
-        window_s = readings.window_s
-        longer = self.window_s / window_s if self.window_s and window_s else 1.0
-        found, place = rotation(
-            speed,
-            celsius,
-            torque_nm,
-            self._nodes,
-            self._tables,
-            self._blind,
-            self._columns,
-            self._loads,
-            self._noise,
-            self._unknown,
-            self._load_unknown,
-            (*self._limits_rpm, STANDSTILL_RPM),
-            (self.lubrication, self.lubrication_uncertainty),
-            sqrt(longer),
-            (CORRELATION_RPM, CORRELATION_K, self.calibrated_c),
+        zero_u, zero, drag_u, drag, lubrication, noise, running, running_u, *place = (
+            self._contributions(readings, torque_nm)
         )
-        zero_u, zero, drag_u, drag, lubrication, noise, running, running_u = found
-        shape = by_row(np.isnan(speed), Distribution.RECTANGULAR, Distribution.NORMAL)
+        where = np.array(place).T
+        shape = by_row(unknown(readings.speed_rpm), Distribution.RECTANGULAR, Distribution.NORMAL)
         stated = self.lubrication_uncertainty == UNKNOWN_LUBRICATION
         state = Distribution.RECTANGULAR if stated else Distribution.NORMAL
         parts = [
-            Component("zero over speed", Shared.CALIBRATION, zero_u, zero, place, shape),
-            Component("bearing drag", Shared.MOUNTING, drag_u, drag, place, shape),
+            Component("zero over speed", Shared.CALIBRATION, zero_u, zero, where, shape),
+            Component("bearing drag", Shared.MOUNTING, drag_u, drag, where, shape),
             Component("lubrication", Shared.MOUNTING, lubrication, distribution=state),
         ]
         if self.noise_nm:
@@ -261,6 +224,84 @@ class MeasuredRotation(Effect):
         if self.running_in_s > 0.0:
             parts.append(self._running_in(readings, running, running_u))
         return tuple(parts)
+
+    def _contributions(self, readings: Readings, torque_nm: FloatArray) -> FloatArray:
+        """Return rows of zero and drag (u, correction), lubrication, noise, running-in, and place.
+
+        Of the lubrication it is u, of the running-in the drag at time 0 and its u. The place over
+        speed and temperature is in correlation lengths.
+        """
+        count, window_s = torque_nm.size, readings.window_s
+        number, (speed, celsius, torque) = elementwise(
+            count, readings.speed_rpm, readings.temperature_c, torque_nm
+        )
+        nodes_rpm, nodes_c, nodes_nm = self._nodes
+        size = abs(speed)
+        nowhere, cold = number.isnan(speed), number.isnan(celsius)
+        turns = size > STANDSTILL_RPM
+        size = number.where(nowhere, nodes_rpm.item(-1), size)
+        warm = number.where(cold, self.calibrated_c, celsius)
+        row = located(nodes_rpm, size)
+        zero, zero_u, drag, drag_u = on_tables(self._tables, row, located(nodes_c, warm))
+        if number.any(cold):
+            blind = on_lines(self._blind, row)
+            zero, zero_u, drag, drag_u = (
+                number.where(cold, *pair)
+                for pair in zip(blind, (zero, zero_u, drag, drag_u), strict=True)
+            )
+        span, span_u, running, running_u, noise = on_lines(self._columns, row)
+        span_u = span_u * torque
+        zero_u = number.sqrt(zero_u * zero_u + span_u * span_u)
+        column = located(nodes_nm, abs(torque)) if nodes_nm.size else None
+        if column is not None:
+            load, load_u = on_tables(self._loads, row, column)
+            drag, drag_u = drag + load, number.sqrt(drag_u * drag_u + load_u * load_u)
+        sign = number.where(turns, number.copysign(1.0, speed), 0.0)
+        low, high = self._limits_rpm
+        outside = (speed < low) | (speed > high)
+        outside |= turns & ((celsius < nodes_c.item(0)) | (celsius > nodes_c.item(-1)))
+        shift = number.where(turns, -(zero + span * torque), 0.0)
+        drag = -(sign * drag)
+        rows = [
+            number.where(turns, zero_u, 0.0),
+            number.where(outside, np.nan, shift),
+            self.lubrication * (sign * drag_u),
+            self.lubrication * drag,
+            self.lubrication_uncertainty * drag,
+            sign * running_u,
+        ]
+        if number.any(nowhere):
+            largest = self._over_all_speeds(number, torque, column)
+            rows = [number.where(nowhere, *pair) for pair in zip(largest, rows, strict=True)]
+        longer = self.window_s / window_s if self.window_s and window_s else 1.0
+        return in_rows(
+            count,
+            *rows[:5],
+            sqrt(longer) * noise,
+            sign * running,
+            rows[5],
+            number.where(nowhere, 0.0, size) / CORRELATION_RPM,
+            warm / CORRELATION_K,
+        )
+
+    def _over_all_speeds(self, number: Any, torque: Any, column: Place | None) -> tuple[Any, ...]:
+        """Return zero, drag and lubrication at an unknown speed, and u of the running-in.
+
+        Corrections are 0 there; the uncertainties are over all measured speeds.
+        """
+        zero_u, drag_u, span_u, running_u, most = self._at_unknown_speed.tolist()
+        span_u = span_u * torque
+        if column is not None:
+            load_u, load = on_lines(self._load_at_unknown_speed, column)
+            drag_u, most = number.sqrt(drag_u * drag_u + load_u * load_u), most + load
+        return (
+            number.sqrt(zero_u * zero_u + span_u * span_u),
+            0.0,
+            self.lubrication * drag_u,
+            0.0,
+            self.lubrication_uncertainty * most,
+            running_u,
+        )
 
     def _running_in(self, readings: Readings, start: FloatArray, start_u: FloatArray) -> Component:
         """Return the effect of running-in; at an unknown time, between none and all of it."""

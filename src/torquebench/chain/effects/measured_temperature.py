@@ -9,12 +9,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from torquebench.chain.corrections import temperature
 from torquebench.chain.effect import Effect, MeasuredPart, Refusal, register
 from torquebench.chain.effects.temperature import Temperature
-from torquebench.chain.grid import Numbers, between, linear, located
-from torquebench.chain.readings import FloatArray, Readings, row_of
+from torquebench.chain.grid import Numbers, between
+from torquebench.chain.readings import FloatArray, Known, Readings, known_or, row_of, unknown
 from torquebench.chain.torque import Component, Shared, by_row
+from torquebench.elementwise import elementwise, in_rows, located, on_lines
 from torquebench.message import Message
 from torquebench.uncertainty import Distribution
 
@@ -87,7 +87,7 @@ class MeasuredTemperature(Effect):
         return np.array([each or nothing for each in found])
 
     @cached_property
-    def _kernel_curves(self) -> FloatArray:
+    def _curves_and_slopes(self) -> FloatArray:
         """The curves, and the slopes of zero and span per kelvin."""
         slopes = np.gradient(self._curves[::2], self._nodes, axis=1)
         return np.concatenate([self._curves, slopes])
@@ -96,7 +96,7 @@ class MeasuredTemperature(Effect):
     def _unknown(self) -> tuple[float, float]:
         """Standard uncertainties of zero (N·m) and span at an unknown temperature: rectangular."""
         measured = located(self._nodes, between(self._nodes, self.low_c, self.high_c))
-        zero, zero_u, span, span_u = (linear(curve, measured) for curve in self._curves)
+        zero, zero_u, span, span_u = on_lines(self._curves, measured)
         root = np.sqrt(3.0)
         return (
             float(np.max(np.hypot(zero / root, zero_u))),
@@ -125,19 +125,12 @@ class MeasuredTemperature(Effect):
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return zero, span and the effect of a gradient, at the temperature of each reading."""
-        now = row_of(readings.temperature_c, torque_nm.size)
-        zero_u, zero, span_u, span, place, slope = temperature(
-            now,
-            row_of(readings.zero_temperature_c, torque_nm.size, self.calibrated_c),
-            torque_nm,
-            self._nodes,
-            self._kernel_curves,
-            self._unknown,
-            self.calibrated_c,
-            CORRELATION_K,
+        now_c = readings.temperature_c
+        zero_u, zero, span_u, span, place, slope = self._contributions(
+            now_c, readings.zero_temperature_c, torque_nm
         )
         where = place[:, None]
-        shape = by_row(np.isnan(now), Distribution.RECTANGULAR, Distribution.NORMAL)
+        shape = by_row(unknown(now_c), Distribution.RECTANGULAR, Distribution.NORMAL)
         parts = [Component("temperature of zero", Shared.ZEROING, zero_u, zero, where, shape)]
         if self.span:
             parts.append(
@@ -153,3 +146,35 @@ class MeasuredTemperature(Effect):
             )
         )
         return tuple(parts)
+
+    def _contributions(self, now_c: Known, zeroed_c: Known, torque_nm: FloatArray) -> FloatArray:
+        """Return rows: u of the zero, its correction, u of the span, its correction, place, slope.
+
+        The place is in correlation lengths, the slope that of the reading, N·m/K.
+        """
+        before_c = known_or(zeroed_c, self.calibrated_c)
+        number, (now, zeroed, torque) = elementwise(torque_nm.size, now_c, before_c, torque_nm)
+        nodes, curves, (zero_range, span_range) = (
+            self._nodes,
+            self._curves_and_slopes,
+            self._unknown,
+        )
+        nowhere = number.isnan(now)
+        warm = number.where(nowhere, self.calibrated_c, now)
+        zero, of_zero, span, of_span, zero_slope, span_slope = on_lines(
+            curves, located(nodes, warm)
+        )
+        before, of_before = on_lines(curves[:2], located(nodes, zeroed))
+        near = number.minimum(abs(warm - zeroed) / CORRELATION_K, 1.0)
+        zero_u = near * number.sqrt(of_zero * of_zero + of_before * of_before)
+        outside = (warm < nodes[0]) | (warm > nodes[-1])
+        shift = number.where(outside, np.nan, before - zero)
+        return in_rows(
+            torque_nm.size,
+            number.where(nowhere, zero_range, zero_u),
+            number.where(nowhere, 0.0, shift),
+            number.where(nowhere, span_range, of_span) * torque,
+            number.where(nowhere, 0.0, -span * torque),
+            warm / CORRELATION_K,
+            number.where(nowhere, 0.0, zero_slope + span_slope * torque),
+        )

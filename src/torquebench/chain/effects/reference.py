@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from math import sqrt
 from typing import Any, ClassVar, Self
 
-from torquebench.chain.corrections import standard
+import numpy as np
+
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Readings
 from torquebench.chain.torque import Component, Shared
@@ -48,21 +49,15 @@ class Reference(Effect):
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return half of U, and the limits; an error of the span affects both directions."""
-        half = standard(torque_nm, *self.certified.directions)
-        limits = ((name, getattr(self, each)) for each, name in self.LIMITS.items())
-        return (
-            Component("reference standard", Shared.CALIBRATION, half),
-            *(
-                Component(
-                    name,
-                    Shared.CALIBRATION,
-                    share / sqrt(3.0) * torque_nm,
-                    distribution=Distribution.RECTANGULAR,
+        half = np.copysign(0.5 * self.certified.at(torque_nm), torque_nm)
+        parts = [Component("reference standard", Shared.CALIBRATION, half)]
+        for limit, name in self.LIMITS.items():
+            if share := getattr(self, limit):
+                u = share / sqrt(3.0) * torque_nm
+                parts.append(
+                    Component(name, Shared.CALIBRATION, u, distribution=Distribution.RECTANGULAR)
                 )
-                for name, share in limits
-                if share
-            ),
-        )
+        return tuple(parts)
 
     def larger(self, other: Reference) -> Reference:
         """Return the effect for points of two standards: the larger uncertainties count."""

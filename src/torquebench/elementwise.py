@@ -1,0 +1,130 @@
+"""Formulas for arrays that cost one number little: a live block has one window.
+
+A call of NumPy takes as long as some thirty operations of Python's floats. A formula that takes its
+functions from `elementwise` serves many readings as arrays and one as floats, with the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Place", "elementwise", "in_rows", "located", "on_lines", "on_tables"]
+
+FloatArray = NDArray[np.float64]
+
+
+class _Floats:
+    """NumPy's functions of the same names, of one number; the first argument may be NaN."""
+
+    any = staticmethod(bool)
+    copysign = staticmethod(math.copysign)
+    isnan = staticmethod(math.isnan)
+    maximum = staticmethod(max)
+    minimum = staticmethod(min)
+    sqrt = staticmethod(math.sqrt)
+
+    @staticmethod
+    def fmax(value: float, limit: float) -> float:
+        return value if value >= limit else limit
+
+    @staticmethod
+    def fmin(value: float, limit: float) -> float:
+        return value if value <= limit else limit
+
+    @staticmethod
+    def where(condition: bool, yes: Any, no: Any) -> Any:
+        return yes if condition else no
+
+
+_FLOATS = _Floats()
+
+
+def elementwise(count: int, *values: FloatArray | float | None) -> tuple[Any, list[Any]]:
+    """Return functions of arrays, or of floats for a single reading, and the values for them.
+
+    Parameters
+    ----------
+    count : int
+        Number of readings.
+    values : float64[count], float or None
+        One value for each reading or for all of them; None becomes NaN.
+
+    Returns
+    -------
+    functions : numpy, or an object with some of its functions
+    values : list of float64[count] or float
+
+    Examples
+    --------
+    >>> functions, (length,) = elementwise(1, np.array([-4.0]))
+    >>> functions.sqrt(abs(length))
+    2.0
+    """
+    if count != 1:
+        return np, [np.nan if value is None else value for value in values]
+    return _FLOATS, [
+        math.nan if value is None else value.item() if isinstance(value, np.ndarray) else value
+        for value in values
+    ]
+
+
+def in_rows(count: int, *values: FloatArray | float) -> FloatArray:
+    """Return values of `count` readings as the rows of an array."""
+    rows = np.empty((len(values), count))
+    for row, value in enumerate(values):
+        rows[row] = value
+    return rows
+
+
+class Place(NamedTuple):
+    """Positions of values between nodes: the nodes around them, and the share of the way between.
+
+    Integers and a float for one value, arrays for many.
+    """
+
+    below: Any
+    above: Any
+    share: Any
+
+
+def located(nodes: FloatArray, values: FloatArray | float) -> Place:
+    """Return the positions of values; those outside are treated as the nearest node."""
+    last = nodes.size - 1
+    if last == 0:
+        none = 0 if isinstance(values, float) else np.zeros(np.shape(values), dtype=np.intp)
+        return Place(none, none, 0.0 * none)
+    if isinstance(values, float):
+        inside = min(max(values, nodes.item(0)), nodes.item(last))
+        below: Any = min(max(int(nodes.searchsorted(inside, side="right")) - 1, 0), last - 1)
+        low = nodes.item(below)
+        return Place(below, below + 1, (inside - low) / (nodes.item(below + 1) - low))
+    within = np.minimum(np.maximum(values, nodes[0]), nodes[last])
+    below = np.minimum(np.maximum(nodes.searchsorted(within, side="right") - 1, 0), last - 1)
+    return Place(below, below + 1, (within - nodes[below]) / (nodes[below + 1] - nodes[below]))
+
+
+def on_lines(curves: FloatArray, place: Place) -> Any:
+    """Return the values of curves, which have a row each: a list for one place, rows for many."""
+    below, above, share = place
+    if isinstance(below, int):
+        lines = curves[:, below : above + 1].tolist()
+        return [line[0] + share * (line[-1] - line[0]) for line in lines]
+    low = curves[:, below]
+    return low + share * (curves[:, above] - low)
+
+
+def on_tables(tables: FloatArray, row: Place, column: Place) -> Any:
+    """Return the values of tables, which come one after the other, as `on_lines` does."""
+    (i, j, share), (left, right, part) = row, column
+    if isinstance(i, int) and isinstance(left, int):
+        cells = tables[:, i : j + 1, left : right + 1].tolist()
+        lines = [[line[0] + part * (line[-1] - line[0]) for line in cell] for cell in cells]
+        return [line[0] + share * (line[-1] - line[0]) for line in lines]
+    low, high = tables[:, i, left], tables[:, j, left]
+    low = low + part * (tables[:, i, right] - low)
+    high = high + part * (tables[:, j, right] - high)
+    return low + share * (high - low)
