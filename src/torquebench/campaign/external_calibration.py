@@ -26,7 +26,7 @@ from torquebench.records import (
     json_text,
     sha256_of_file,
 )
-from torquebench.records.signatures import present_signature
+from torquebench.records.signatures import Signature
 from torquebench.tables import table_text
 from torquebench.uncertainty import CertifiedUncertainty
 from torquebench.validation import refuse_future
@@ -91,6 +91,7 @@ def register_table(
     circumstances: ExternalCalibration,
     *,
     operator: str,
+    signature: Signature | None = None,
     model: Path | None = None,
     called: str = "",
 ) -> RegisteredTable:
@@ -110,6 +111,8 @@ def register_table(
     circumstances : ExternalCalibration
     operator : str
         Person who enters the table.
+    signature : Signature, optional
+        How that person was authenticated; typed on this computer by default.
     model : pathlib.Path, optional
         File of a compensation model for these points; a copy is kept, with the day of the
         calibration.
@@ -137,7 +140,7 @@ def register_table(
             )
     data = replace(data, measured_on=circumstances.performed.date())
     stored = None if model is None else _fitting_model(model, data)
-    metadata = _metadata(profile, circumstances, data, operator)
+    metadata = _metadata(profile, circumstances, data, operator, signature or Signature.typed())
     metadata |= {"table": called, "table_sha256": sha256_of_file(table)}
     writer = RunFolder.create(registry.root / "runs", metadata, kind=KIND)
     with writer:
@@ -216,6 +219,7 @@ def _metadata(
     circumstances: ExternalCalibration,
     data: CalibrationData,
     operator: str,
+    signature: Signature,
 ) -> dict[str, Any]:
     reference = circumstances.reference
     return {
@@ -223,7 +227,7 @@ def _metadata(
         "bench_name": circumstances.place,
         "operator": circumstances.measured_by,
         "entered_by": operator,
-        "signature": present_signature(),
+        "signature": signature,
         "entered": datetime.now(UTC),
         "side": data.side,
         "profile_name": profile.name,

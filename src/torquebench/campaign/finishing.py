@@ -18,6 +18,7 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import Registry, RunFolder, RunState, UnfinishedRun, unfinished_runs
+from torquebench.records.signatures import Signature
 from torquebench.station.entering import enter_run, require_original
 
 __all__ = ["REGISTERED", "Finished", "discard_run", "find_unfinished", "finish_run"]
@@ -119,7 +120,14 @@ def finish_run(
     return Finished(run.run_id, kind.describe(outcome), calibration)
 
 
-def discard_run(registry: Registry, run: UnfinishedRun, *, by: str, reason: str) -> None:
+def discard_run(
+    registry: Registry,
+    run: UnfinishedRun,
+    *,
+    by: str,
+    reason: str,
+    signature: Signature | None = None,
+) -> None:
     """Discard an unfinished run; its measured data stay in its folder.
 
     Raises
@@ -139,4 +147,4 @@ def discard_run(registry: Registry, run: UnfinishedRun, *, by: str, reason: str)
         folder.recover()
     with registry.writing():
         enter_run(registry, folder)
-        registry.discard_run(run.run_id, by=by, reason=reason)
+        registry.discard_run(run.run_id, by=by, reason=reason, signature=signature)

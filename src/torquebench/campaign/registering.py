@@ -38,7 +38,7 @@ from torquebench.records import (
     RunFolder,
     sha256_of_file,
 )
-from torquebench.records.signatures import Signature, operator_name, present_signature
+from torquebench.records.signatures import Signature, operator_name
 from torquebench.station import RunRecord, enter_run
 
 __all__ = [
@@ -164,7 +164,7 @@ def register_calibration(
             registry.activate(
                 registered[active].model_id,
                 reason="recommended by the calibration",
-                signature=present_signature(automatic=True),
+                signature=_signature(folder, automatic=True),
             )
     return RegisteredCalibration(entry, registered)
 
@@ -178,7 +178,6 @@ def calibration_entry(folder: RunFolder, **remarks: str) -> CalibrationEntry:
         start = _start(folder)
         performed = datetime.fromtimestamp(float(start["time"]), performed.tzinfo)
     listed = [name for name in (MANIFEST, "table.csv") if (folder.path / name).is_file()]
-    signature = metadata.get("signature")
     return CalibrationEntry.of_points(
         data,
         performed=performed,
@@ -193,8 +192,20 @@ def calibration_entry(folder: RunFolder, **remarks: str) -> CalibrationEntry:
             **_summary(metadata, results),
             **{name.replace("_", " "): text for name, text in remarks.items()},
         },
-        signature=None if signature is None else Signature.restored(signature),
+        signature=_signature(folder),
     )
+
+
+def _signature(folder: RunFolder, *, automatic: bool = False) -> Signature | None:
+    """Return how a run was begun; None where it doesn't tell.
+
+    With `automatic` the signature of a decision that follows from the run without a person.
+    """
+    stored = folder.metadata.get("signature")
+    signature = None if stored is None else Signature.restored(stored)
+    if automatic and (signature is None or signature.kind == "typed"):
+        return Signature.typed(automatic=True)
+    return signature
 
 
 def _summary(metadata: Mapping[str, Any], results: Mapping[str, Any]) -> dict[str, Any]:

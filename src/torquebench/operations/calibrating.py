@@ -939,7 +939,13 @@ def _none_to_finish(remaining: Sequence[records.UnfinishedRun]) -> str:
 def run_discard(place: Place, request: DiscardRequest, _progress: Progress) -> Result:
     """Register the discarding of a run with its reason."""
     run = campaign.find_unfinished(place.registry, request.run_id)
-    campaign.discard_run(place.registry, run, by=place.operator, reason=request.reason)
+    campaign.discard_run(
+        place.registry,
+        run,
+        by=place.operator,
+        reason=request.reason,
+        signature=place.signature,
+    )
     return Result(
         headline=Message("run {run} is discarded.", run.run_id),
         simulated=place.registry.run(run.run_id).simulated,

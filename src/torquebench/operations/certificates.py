@@ -18,7 +18,7 @@ from torquebench.operations.place import Place
 from torquebench.operations.records import find_calibration
 from torquebench.operations.result import HIDDEN, Decision, Result
 from torquebench.progress import Progress
-from torquebench.records.signatures import Signature, how, present_signature
+from torquebench.records.signatures import Signature, how
 from torquebench.reports.page import Block, Facts, Page, Section, Table
 
 if TYPE_CHECKING:
@@ -192,7 +192,7 @@ def subject_of(record: str) -> tuple[Any, int]:
 def run_review(place: Place, request: ReviewRequest, _progress: Progress) -> Decision:
     """Register the review of a record; refuse a calibration changed since it was displayed."""
     table, number = subject_of(request.record)
-    signature = present_signature()
+    signature = place.signature
     if table == "calibrations":
         signature = signature.about(place.registry.covered(number))
         if request.sha256 and request.sha256 != signature.sha256:
@@ -241,7 +241,7 @@ def _issue(place: Place, request: CertificateRequest) -> Issue:
         read_letterhead,
     )
 
-    root, signature = place.registry.root, present_signature()
+    root, signature = place.registry.root, place.signature
     letterhead = (
         kept_letterhead(root) if request.laboratory is None else read_letterhead(request.laboratory)
     )
@@ -259,6 +259,7 @@ def _issue(place: Place, request: CertificateRequest) -> Issue:
         number=request.number,
         laboratory=laboratory,
         customer=customer,
+        signature=signature,
         refuse_unreviewed=letterhead.refuses_unreviewed,
         require_signatures=letterhead.requires_signatures(root),
     )
@@ -276,7 +277,9 @@ def run_certificate(
     issue = _issue(place, request)
     if request.checked_by:
         number = calibration.calibration_id
-        review = registry.prepare_review("calibrations", number, checked_by=request.checked_by)
+        review = registry.prepare_review(
+            "calibrations", number, checked_by=request.checked_by, signature=place.signature
+        )
         issue = replace(issue, review=review)
     record = registry.patiently(lambda: build_record(registry, calibration, issue))
     issued = issue_certificate(registry, record, request.out, issue.review)

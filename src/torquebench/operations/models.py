@@ -30,7 +30,7 @@ from torquebench.operations.operation import (
 from torquebench.operations.place import Place
 from torquebench.operations.result import Decision, Result
 from torquebench.progress import SHARES, Progress
-from torquebench.records.signatures import how, present_signature
+from torquebench.records.signatures import how
 from torquebench.reports.page import Block, Facts, Page, Section, Table
 
 __all__ = [
@@ -333,6 +333,7 @@ def run_use(place: Place, request: UseRequest, _progress: Progress) -> Decision:
         operator=place.operator,
         reason=request.reason,
         despite_contradictions=request.despite_contradictions,
+        signature=place.signature,
     )
     return Decision(
         headline=Message(
@@ -343,7 +344,7 @@ def run_use(place: Place, request: UseRequest, _progress: Progress) -> Decision:
         ),
         simulated=entry.simulated,
         remarks=tuple(str(each) for each in entry.contradictions),
-        signature=how(present_signature()),
+        signature=how(place.signature),
     )
 
 
@@ -352,11 +353,17 @@ def run_deactivate(place: Place, request: DeactivateRequest, _progress: Progress
     description = place.station.description
     serial = description.module(request.side).transducer.serial
     counter = place.station.drivers.counter.clock_identity
-    place.registry.deactivate(serial, counter, operator=place.operator, reason=request.reason)
+    place.registry.deactivate(
+        serial,
+        counter,
+        operator=place.operator,
+        reason=request.reason,
+        signature=place.signature,
+    )
     return Decision(
         headline=Message("The {side} module isn't compensated any more.", request.side),
         simulated=description.simulated,
-        signature=how(present_signature()),
+        signature=how(place.signature),
     )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 from torquebench.errors import BenchError
 from torquebench.progress import NO_PROGRESS, Progress
+from torquebench.records.signatures import Signature
 
 if TYPE_CHECKING:
     from torquebench.bench.mounting_record import MountingRecord
@@ -104,6 +105,8 @@ class Place:
         The registry; None for operations on files.
     station : Station
         The open bench; None for operations without it.
+    signature : Signature
+        How the person was authenticated; typed on this computer by default.
     on_pause : callable, optional
         Decides whether a paused run continues; see `Station.run`.
     compute : callable
@@ -122,6 +125,7 @@ class Place:
     library: Library
     registry: Registry = None  # type: ignore[assignment]  # only operations on files have none
     station: Station = None  # type: ignore[assignment]  # only operations on the bench use it
+    signature: Signature = field(default_factory=Signature.typed)
     on_pause: OnPause | None = None
     compute: Callable[..., Any] = compute_here
     remarks: list[str] = field(default_factory=list)
@@ -144,7 +148,7 @@ class Place:
         return {
             "operator": self.operator,
             "mounting": mounting,
-            "metadata": metadata or {},
+            "metadata": {"signature": self.signature, **(metadata or {})},
             "progress": progress,
             "on_pause": self.on_pause,
         }

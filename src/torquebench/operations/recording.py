@@ -166,6 +166,7 @@ def run_record(place: Place, request: RecordRequest, progress: Progress) -> Reco
         kind="recording",
         metadata={
             "operator": place.operator,
+            "signature": place.signature,
             "title": name,
             "note": note,
             "trigger": trigger,

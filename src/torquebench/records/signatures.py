@@ -9,9 +9,7 @@ import hashlib
 import json
 import os
 import socket
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Self, get_args
 
@@ -20,10 +18,8 @@ from torquebench.message import Message
 __all__ = [
     "Signature",
     "SignatureKind",
-    "authenticated",
     "how",
     "operator_name",
-    "present_signature",
     "system_user",
 ]
 
@@ -122,31 +118,6 @@ def system_user() -> tuple[str, str]:
         except (KeyError, OSError):
             user = ""
     return user, socket.gethostname()
-
-
-_present: ContextVar[Signature | None] = ContextVar("torquebench_signature", default=None)
-
-
-@contextmanager
-def authenticated(signature: Signature) -> Iterator[None]:
-    """Use a person's signature for everything that this thread enters within the block."""
-    before = _present.set(signature)
-    try:
-        yield
-    finally:
-        _present.reset(before)
-
-
-def present_signature(*, automatic: bool = False) -> Signature:
-    """Return the signature set by `authenticated`, otherwise that of this computer's user.
-
-    Parameters
-    ----------
-    automatic : bool
-        Whether a command decides without a person.
-    """
-    found = _present.get()
-    return Signature.typed(automatic=automatic) if found is None else found
 
 
 def operator_name() -> str:

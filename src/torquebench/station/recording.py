@@ -17,7 +17,7 @@ from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.records import Registry, RunFolder, RunLock
 from torquebench.records.accounts import Accounts
-from torquebench.records.signatures import present_signature
+from torquebench.records.signatures import Signature
 from torquebench.station.journal import WAITING_BLOCKS, QueuedJournal, RunJournal
 from torquebench.station.registration import run_metadata
 from torquebench.station.registry_queue import RegistryQueue
@@ -105,7 +105,8 @@ class Recording:
         self._queue = queue
         self._audit = audit
         head = str(registry.known_head)  # links the folder to all earlier records
-        signature, operator = present_signature(), str(metadata.get("operator", ""))
+        signature = metadata.get("signature") or Signature.typed()
+        operator = str(metadata.get("operator", ""))
         if operator != signature.who:  # a typed name, not the user who is logged in
             Accounts.of(registry.root).refuse_typed(operator, signature)
         self.known: dict[str, Any] = {

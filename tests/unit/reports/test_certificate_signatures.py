@@ -17,7 +17,7 @@ from torquebench.panel.service import Actor
 from torquebench.panel.service.access.people import People
 from torquebench.records import CertificateEntry, Registry
 from torquebench.records.accounts import Accounts
-from torquebench.records.signatures import Signature, authenticated, system_user
+from torquebench.records.signatures import Signature, system_user
 from torquebench.reports.certificate import (
     Issue,
     archive_folder,
@@ -62,11 +62,10 @@ def signed(name: str) -> Signature:
 
 
 def review_and_use(registry: Registry, bench: CalibratedBench, reviewer: Signature) -> None:
-    with authenticated(reviewer):
-        name = reviewer.account or "K. Typed"
-        registry.review("calibrations", bench.calibration.calibration_id, checked_by=name)
-        (model,) = registry.models()
-        registry.activate(model.model_id, operator=name, reason="checked")
+    name, number = reviewer.account or "K. Typed", bench.calibration.calibration_id
+    registry.review("calibrations", number, checked_by=name, signature=reviewer)
+    (model,) = registry.models()
+    registry.activate(model.model_id, operator=name, reason="checked", signature=reviewer)
 
 
 def link_this_user(people: People, chief: Actor, name: str) -> None:
@@ -106,9 +105,9 @@ def test_signed_acts_of_other_people_pass_and_are_printed(
     link_this_user(people, chief, "Kim")
     bench = verified(registry, operator="Kim")
     review_and_use(registry, bench, signed("Sommer"))
-    with authenticated(signed("Boss")):
-        record = build_record(registry, bench.calibration, STRICT)
-        issue_certificate(registry, record)
+    authorised = replace(STRICT, signature=signed("Boss"))
+    record = build_record(registry, bench.calibration, authorised)
+    issue_certificate(registry, record)
     assert record.unreviewed == ()
     assert [act.role for act in record.acts if act.signed] == ["checked", "used", "authorised"]
     covered = {act.covers_sha256 for act in record.acts if act.role != "measured"}
@@ -164,8 +163,8 @@ def test_who_measured_by_command_is_recognised_only_where_the_user_is_linked(
             review_and_use(registry, bench, signed("Sommer"))
         return
     review_and_use(registry, bench, signed("Sommer"))
-    with authenticated(signed("Boss")):
-        record = build_record(registry, bench.calibration, STATED)
+    authorised = replace(STATED, signature=signed("Boss"))
+    record = build_record(registry, bench.calibration, authorised)
     assert record.unreviewed == (() if linked else ("unknown_person",))
 
 
@@ -197,8 +196,8 @@ def test_a_password_that_somebody_else_set_is_named_for_30_days(
         "torquebench.panel.service.access.people.utc_text", lambda: changed.isoformat()
     )
     people.change_user(chief, "Boss", password="another long password")
-    with authenticated(signed("Boss")):
-        record = build_record(registry, bench.calibration, STATED)
+    authorised = replace(STATED, signature=signed("Boss"))
+    record = build_record(registry, bench.calibration, authorised)
     (act,) = [each for each in record.acts if each.role == "authorised"]
     named = (changed.date(), "Chief")
     assert (named in act.password_set) == (days_ago < 30)

@@ -67,7 +67,9 @@ def seal_edges(folder: Path) -> None:
             for group in _groups(stream_edges(stream)):
                 writer.write_batch(group)
 
-    seal_stream(stream, sealed, write, lambda path: _same(stream_edges(stream), _archived(path)))
+    seal_stream(
+        stream, sealed, write, lambda path: _same_blocks(stream_edges(stream), _archived(path))
+    )
 
 
 def read_edges(folder: Path) -> Iterator[RecordedEdges]:
@@ -135,7 +137,8 @@ def _rows(batch: Any) -> Iterator[RecordedEdges]:
         )
 
 
-def _same(first: Iterable[RecordedEdges], second: Iterable[RecordedEdges]) -> bool:
+def _same_blocks(first: Iterable[RecordedEdges], second: Iterable[RecordedEdges]) -> bool:
+    """Return whether two recordings consist of equal blocks of edges."""
     try:
         return all(_equal(a, b) for a, b in zip(first, second, strict=True))
     except ValueError:  # one of them is shorter

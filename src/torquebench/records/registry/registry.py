@@ -34,7 +34,7 @@ from torquebench.records.registry.entries import (
     metadata,
 )
 from torquebench.records.registry.runs import RunRecords
-from torquebench.records.signatures import Signature, present_signature
+from torquebench.records.signatures import Signature
 
 if TYPE_CHECKING:
     from torquebench.calibration import Contradiction, VerificationResult
@@ -142,7 +142,7 @@ class Registry(RunRecords):
         InputError
             Where a name belongs to an account and was typed by somebody else.
         """
-        Accounts.of(self.root).refuse_typed(performed_by, present_signature())
+        Accounts.of(self.root).refuse_typed(performed_by, Signature.typed())
         with self.writing():
             whole_key, part_key = self.equipment_key(*whole), self.equipment_key(*part)
             present = self._fitted(whole_key).get(role)
@@ -181,7 +181,7 @@ class Registry(RunRecords):
         InputError
             Where a name belongs to an account and was typed by somebody else.
         """
-        accounts, signature = Accounts.of(self.root), present_signature()
+        accounts, signature = Accounts.of(self.root), Signature.typed()
         for name in (adjustment.performed_by, adjustment.checked_by):
             accounts.refuse_typed(name, signature)
         self.add(adjustment)
@@ -415,7 +415,7 @@ class Registry(RunRecords):
             Whether to activate even a model whose calibration contradicts itself; this needs the
             operator's name and a reason.
         signature : Signature, optional
-            How the operator was authenticated; by default `present_signature`.
+            How the operator was authenticated; by default typed by the user of this computer.
 
         Raises
         ------
@@ -453,7 +453,7 @@ class Registry(RunRecords):
                 )
             if contradictions:
                 reason = Message("although its calibration contradicts itself: {reason}", reason)
-            signature = signature or present_signature()
+            signature = signature or Signature.typed()
             Accounts.of(self.root).refuse_typed(operator, signature)
             self.add(
                 Activation(
@@ -477,7 +477,7 @@ class Registry(RunRecords):
         signature: Signature | None = None,
     ) -> None:
         """Deactivate the compensation of a chain; earlier activations stay in the history."""
-        signature = signature or present_signature()
+        signature = signature or Signature.typed()
         Accounts.of(self.root).refuse_typed(operator, signature)
         self.add(
             Activation(
@@ -586,7 +586,7 @@ class Registry(RunRecords):
         """
         with self.writing():
             Accounts.of(self.root).refuse_typed(
-                entry.authorised_by, entry.signature or present_signature()
+                entry.authorised_by, entry.signature or Signature.typed()
             )
             if self.entries(CertificateEntry, number=entry.number):
                 raise RecordError(
@@ -638,14 +638,14 @@ class Registry(RunRecords):
         accepted : bool
         remark : str
         signature : Signature, optional
-            How the reviewer was authenticated; by default `present_signature`.
+            How the reviewer was authenticated; by default typed by the user of this computer.
 
         Raises
         ------
         RecordError
             If there is no such record, no person is named, or the reviewer measured or entered it.
         """
-        signature, accounts = signature or present_signature(), Accounts.of(self.root)
+        signature, accounts = signature or Signature.typed(), Accounts.of(self.root)
         accounts.refuse_typed(checked_by, signature)
         content = self._content(subject, subject_id)
         measured_by = next((content[name] for name in _DOERS if content.get(name)), "")
@@ -718,7 +718,7 @@ class Registry(RunRecords):
         amended_by, reason : str
             Person and reason.
         signature : Signature, optional
-            How the person was authenticated; by default `present_signature`.
+            How the person was authenticated; by default typed by the user of this computer.
 
         Raises
         ------
@@ -740,7 +740,7 @@ class Registry(RunRecords):
                     ),
                     "the correct values, the name of the person who amends, and the reason",
                 )
-        signature = signature or present_signature()
+        signature = signature or Signature.typed()
         Accounts.of(self.root).refuse_typed(amended_by, signature)
         with self.writing():
             content = self._content(subject, subject_id)

@@ -23,7 +23,7 @@ from torquebench.records.registry.entries import (
     VerificationEntry,
     links,
 )
-from torquebench.records.signatures import present_signature
+from torquebench.records.signatures import Signature
 
 if TYPE_CHECKING:
     from torquebench.records.runs.folder import RunFolder
@@ -266,7 +266,9 @@ class RunRecords(Database):
         with self.session() as session:
             return session.scalar(query) is not None
 
-    def discard_run(self, run_id: str, *, by: str, reason: str) -> None:
+    def discard_run(
+        self, run_id: str, *, by: str, reason: str, signature: Signature | None = None
+    ) -> None:
         """Discard a run that has ended; its folder stays unchanged.
 
         Raises
@@ -280,7 +282,7 @@ class RunRecords(Database):
             raise InputError(
                 Message("run {run} discarded without a reason", run_id), "a name and a reason"
             )
-        signature = present_signature()
+        signature = signature or Signature.typed()
         Accounts.of(self.root).refuse_typed(by, signature)
         with self.writing() as session:
             run = self.run(run_id)

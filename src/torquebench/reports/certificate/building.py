@@ -33,7 +33,7 @@ from torquebench.records import (
     VerificationEntry,
 )
 from torquebench.records.accounts import Accounts, name_key
-from torquebench.records.signatures import Signature, present_signature
+from torquebench.records.signatures import Signature
 from torquebench.reports.certificate.record import (
     Act,
     CertificateRecord,
@@ -105,7 +105,7 @@ class Issue:
     review : Review, optional
         Review of the calibration to be registered with the certificate; see `prepare_review`.
     signature : Signature, optional
-        How the authorising person was authenticated; by default `present_signature`.
+        How the authorising person was authenticated; by default typed by the user of this computer.
     require_signatures : bool
         Whether typed reviews, activations and authorisations don't count.
     model_id : int, optional
@@ -380,7 +380,7 @@ class _Acts:
             if each.accepted
             and (each.signature is None or wanted.items() <= dict(each.signature.covers).items())
         ]
-        signature = (issue.signature or present_signature()).about(covers)
+        signature = (issue.signature or Signature.typed()).about(covers)
         return cls(Accounts.of(registry.root), tuple(reviews), activation, signature)
 
     def stated(self, measured_by: str, measured: Signature | None, names: str) -> Iterator[Act]:

@@ -41,7 +41,6 @@ from torquebench.panel.service.jobs.job import (
 from torquebench.panel.service.jobs.log import JobLog
 from torquebench.panel.service.problems import BusyError, NotFoundError, PermissionDeniedError
 from torquebench.progress import NO_PROGRESS
-from torquebench.records.signatures import authenticated
 from torquebench.station import Station
 from torquebench.validation import validated
 
@@ -100,7 +99,9 @@ class JobRunner:
         self._station = station
         self._token: int | None = station.engine.run_engine.subscribe(self._document)
 
-    def _place(self, actor: Actor | None = None, job: Job | None = None) -> Place:
+    def _place(
+        self, actor: Actor | None = None, job: Job | None = None, *, signed: bool = False
+    ) -> Place:
         """Return the `Place` of an operation that a person starts."""
         place = Place(
             operator="" if actor is None else actor.label,
@@ -109,7 +110,8 @@ class JobRunner:
             station=self._station,
         )
         if actor is not None:
-            place = replace(place, may=partial(allows, actor.role))
+            signature = actor.signed if signed else actor.signature
+            place = replace(place, signature=signature, may=partial(allows, actor.role))
         if job is not None:
             cancelled = job.cancelled.is_set
             compute = partial(run_in_process, cancelled=cancelled)
@@ -164,10 +166,9 @@ class JobRunner:
         require_person(actor, asked)
         if found.commands:
             self.command(actor)
-        place = self._place(actor)
-        with authenticated(actor.signed if signed else actor.signature):
-            found.doubts(place, asked)
-            result = found.run(place, asked, NO_PROGRESS)
+        place = self._place(actor, signed=signed)
+        found.doubts(place, asked)
+        result = found.run(place, asked, NO_PROGRESS)
         self._note(actor, str(found.title(asked)), request=asked.model_dump(mode="json"))
         self._on_done(found)
         return result
@@ -215,8 +216,7 @@ class JobRunner:
         self._refuse_busy()
         if found.loads and not bench_clear:
             self.refuse_unconfirmed()
-        with authenticated(actor.signed if signed else actor.signature):
-            found.doubts(self._place(actor), asked)
+        found.doubts(self._place(actor, signed=signed), asked)
         with self._lock:
             self._refuse_busy()
             if found.moves:
@@ -275,8 +275,8 @@ class JobRunner:
         state: JobState = "done"
         result = problem = None
         try:
-            with authenticated(job.actor.signed if job.signed else job.actor.signature):
-                result = job.operation.run(self._place(job.actor, job), job.request, job)
+            place = self._place(job.actor, job, signed=job.signed)
+            result = job.operation.run(place, job.request, job)
             self._on_done(job.operation)
         except (RunAbortedError, EndedError) as error:
             state, problem = "aborted", Problem.of(error)

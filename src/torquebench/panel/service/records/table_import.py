@@ -394,6 +394,7 @@ class TableImport:
                 profile,
                 _circumstances(asked, points),
                 operator=actor.label,
+                signature=actor.signature,
                 called=asked.called,
             )
         number = entered.calibration.calibration_id
