@@ -243,6 +243,7 @@ def _is_special(target: Path) -> bool:
 
 @contextlib.contextmanager
 def _stream(descriptor: int) -> Iterator[IO[bytes]]:
+    """Open a descriptor for writing; standard output in the order of what Python wrote to it."""
     if descriptor == _STANDARD_OUTPUT:
         sys.stdout.flush()
         if isinstance(getattr(sys.stdout, "buffer", None), io.BufferedIOBase):

@@ -9,7 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.bench.acceleration import LEAST_SPAN_S, UNKNOWN, EncoderAcceleration
+from torquebench.bench.acceleration import (
+    LEAST_SPAN_S,
+    UNKNOWN,
+    Acceleration,
+    EncoderAcceleration,
+)
 from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.blocks import CONDITIONS, KEPT_S, Block
 from torquebench.bench.channels import Channel
@@ -78,8 +83,8 @@ class BlockEvaluator:
             values[f"{probe}_c"] = temperatures.get(probe, np.nan)
         return Record.unchecked({name: np.array([value]) for name, value in values.items()}, 1)
 
-    def _acceleration(self, side: Side, angle: Record) -> Any:
-        """Return the acceleration over a block; a short block includes earlier samples."""
+    def _acceleration(self, side: Side, angle: Record) -> Acceleration:
+        """Return a shaft's acceleration over a block; a short block is extended backwards."""
         time_s = angle.time_s
         if time_s.size and time_s[-1] - time_s[0] < LEAST_SPAN_S:
             longer = self.angles[side].window(

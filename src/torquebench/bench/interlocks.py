@@ -128,6 +128,7 @@ def _always_at_end() -> RailPosition:
 
 
 def _always_on() -> bool:
+    """Return that the bench is powered: it has no instrument that tells."""
     return True
 
 

@@ -183,7 +183,7 @@ class SideCommands:
         return asked
 
     def told_zero(self, asked: SetPoint, time_s: float) -> None:
-        """Record that the command was given, unless another one followed."""
+        """Note when the drive got the set point 0, unless another set point followed it."""
         told = replace(asked, told_s=time_s)
         for quantity, point in self.set_points.items():
             if point is asked:

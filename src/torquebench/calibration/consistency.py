@@ -530,10 +530,13 @@ class _Explanation:
     """Prior standard deviations of the changes, in units of the scatter."""
 
     def columns(self, u: FloatArray) -> FloatArray:
-        """Return the scaled columns of the change, shape (n, 1 or 2)."""
-        here = np.zeros_like(u)
-        here[self.first : self.end] = 1.0
-        columns = {"zero": here * self.zero, "scale": here * u * self.scale}
+        """Return what the change adds at readings u, by its size in prior standard deviations.
+
+        Shape (n, 1), or (n, 2) where zero and scale change together.
+        """
+        changed = np.zeros_like(u)
+        changed[self.first : self.end] = 1.0
+        columns = {"zero": changed * self.zero, "scale": changed * u * self.scale}
         chosen = {"row": ("zero",), "both": ("zero", "scale")}.get(self.kind, (self.kind,))
         return np.stack([columns[name] for name in chosen], axis=1)
 

@@ -64,10 +64,12 @@ class EventLoopBridge:
         front = asyncio.get_running_loop()
 
         async def receiving() -> Message:
-            found: Message = await _on(front, receive())
-            return found
+            """Return the client's next message, awaited on the front loop."""
+            message: Message = await _on(front, receive())
+            return message
 
         async def sending(message: Message) -> None:
+            """Send a message to the client on the front loop."""
             await _on(front, send(message))
 
         await _on(self._loop, self._app(scope, receiving, sending))

@@ -319,6 +319,7 @@ def _mechanics_items(mesh_m: float) -> Items:
 
 
 def _calibration_items(bench: BenchResult) -> Items:
+    """Return answers and figures of the papers' items about calibration, by item number."""
     curves, staircase = _error_curves(bench), _loading(bench)
     before_after, answers = _before_after(bench)
     trained = _training(bench)

@@ -270,8 +270,8 @@ _SHOWN_STEPS = 6
 _AROUND_S = 0.5
 
 
-def _staircase(measured: Measured[StaircaseResult], side: Side) -> FloatArray | None:
-    """Return every window of the first steps, and whether it is part of a step's mean."""
+def _staircase(measured: Measured[StaircaseResult], side: Side) -> FloatArray:
+    """Return the windows of the first steps: time, torque, standard, and 1 where a mean uses it."""
     folder = RunFolder.open(measured.record.folder)
     points = [each["data"] for each in itertools.islice(folder.points(), _SHOWN_STEPS)]
     middle, samples = (
@@ -292,8 +292,8 @@ def _staircase(measured: Measured[StaircaseResult], side: Side) -> FloatArray | 
     time_s = time_s[kept]
     inside = (time_s[:, None] > start_s) & (time_s[:, None] < stop_s)
     averaged = inside.any(axis=1)
-    found = (columns[f"{side}_{name}"][kept] for name in ("torque_nm", "reference_nm"))
-    return np.column_stack([time_s - time_s[0], *found, averaged])
+    torques = (columns[f"{side}_{name}"][kept] for name in ("torque_nm", "reference_nm"))
+    return np.column_stack([time_s - time_s[0], *torques, averaged])
 
 
 def _reducer(

@@ -69,7 +69,7 @@ class Cia402Node:
         self._rated_nm = module.range_nm / 5.0
         self._maximum = 1.2 * module.limits.torque_nm, 1.2 * module.limits.speed_rpm
         self._state = "switch on disabled"
-        self._emergency = self._told = 0
+        self._emergency = self._sent_code = 0
         self._consumed: tuple[int, float] | None = None
         self._next: tuple[float, str] | None = None
         self._booted: float | None = None
@@ -146,9 +146,9 @@ class Cia402Node:
             state = self._drive.state()
             self._follow(state.enabled, bool(state.fault))
             code = self._error_code()
-        if code == self._told:
+        if code == self._sent_code:
             return
-        self._told = code
+        self._sent_code = code
         if code:
             self.node.emcy.send(code, COMMUNICATION_ERROR)
         else:

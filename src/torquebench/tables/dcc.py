@@ -240,6 +240,7 @@ def _children(element: Element | None, name: str) -> list[Element]:
 
 
 def _first(element: Element | None, *names: str) -> Element | None:
+    """Follow a path of names through first children; None where one is missing."""
     for name in names:
         element = next(iter(_children(element, name)), None)
     return element
@@ -406,9 +407,10 @@ def _torques(quantities: Sequence[DccQuantity]) -> tuple[FloatArray, FloatArray]
     reference = next((each for each in torques if each.is_reference), torques[0])
     assert reference.nm is not None
     torque = reference.values * reference.nm
-    others = [each for each in quantities if each is not reference]
-    found = [_of_item(each, torque) for each in (*others, reference)]
-    stated = [u for u in found[:-1] if u is not None] or [u for u in found[-1:] if u is not None]
+    others = (quantity for quantity in quantities if quantity is not reference)
+    stated = [u for u in (_of_item(quantity, torque) for quantity in others) if u is not None]
+    if not stated and (of_reference := _of_item(reference, torque)) is not None:
+        stated = [of_reference]
     fitting = [u for u in stated if u.shape == torque.shape]
     return (torque, np.max(fitting, axis=0)) if fitting else None
 

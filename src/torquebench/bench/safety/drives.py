@@ -165,21 +165,25 @@ class DriveWorker:
         self._order(disable)
 
     def _order(self, order: Order) -> None:
+        """Have the worker's thread execute an order, and wait for it as long as patience allows.
+
+        Without that thread, or within it, the order is executed at once.
+        """
         thread = self._thread
         if thread is None or not thread.is_alive() or thread is threading.current_thread():
             order()
             return
-        obeyed = threading.Event()
+        executed = threading.Event()
 
-        def obey() -> None:
+        def execute() -> None:
             try:
                 order()
             finally:
-                obeyed.set()
+                executed.set()
 
-        self._orders.put(obey)
+        self._orders.put(execute)
         if self._patience_s:
-            obeyed.wait(self._patience_s)
+            executed.wait(self._patience_s)
 
     # -- on the thread ----------------------------------------------------------------------
 

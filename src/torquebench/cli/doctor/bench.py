@@ -406,12 +406,15 @@ def drives(description: BenchDescription, data: Path) -> Iterator[Finding]:
     with contextlib.closing(log), _opened(description, data, log) as drivers:
         drivers.counter.select(frozenset(torque_channel(side) for side in SIDES))
         for side in SIDES:
-            for finding in _tested(drivers, description, side):
+            for finding in _drive_tested(drivers, description, side):
                 log.write("doctor", what=finding.what, state=finding.state, found=finding.found)
                 yield finding
 
 
-def _tested(drivers: DriverSet, description: BenchDescription, side: Side) -> Iterator[Finding]:
+def _drive_tested(
+    drivers: DriverSet, description: BenchDescription, side: Side
+) -> Iterator[Finding]:
+    """Yield how a drive stops and whether its watchdog works; it is switched off afterwards."""
     try:
         yield _stop(drivers, description, side)
         yield _watchdog(drivers, description, side)

@@ -64,10 +64,10 @@ class PageSockets:
                 message = await receive()
                 if message["type"] != "websocket.receive":
                     return message
-                said = _content(message.get("text") or "")
-                if said is None or not _is_of(page, said):
+                content = _content(message.get("text") or "")
+                if content is None or not _concerns(page, content):
                     return {"type": "websocket.disconnect", "code": REFUSED}
-                if said[:1] != ["log"]:  # so that outsiders can't write into the server's log
+                if content[:1] != ["log"]:  # so that outsiders can't write into the server's log
                     return message
 
         async def sending(message: Message) -> None:
@@ -102,6 +102,6 @@ def _content(text: str) -> list[Any] | None:
     return content if isinstance(content, list) else [content]
 
 
-def _is_of(page: str, said: list[Any]) -> bool:
-    """Return whether a browser's message concerns its own page only."""
-    return all(part.get("client_id", page) == page for part in said if isinstance(part, dict))
+def _concerns(page: str, content: list[Any]) -> bool:
+    """Return whether a packet's content names no other page than this one."""
+    return all(part.get("client_id", page) == page for part in content if isinstance(part, dict))

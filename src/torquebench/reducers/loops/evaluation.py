@@ -34,7 +34,12 @@ from torquebench.reducers.loops.results import (
     check_columns,
     loop_findings,
 )
-from torquebench.reducers.loops.ripple import NOTHING_LEFT, RippleLeft, what_it_hid, without_ripple
+from torquebench.reducers.loops.ripple import (
+    NOTHING_LEFT,
+    RippleLeft,
+    effect_of_ripple,
+    without_ripple,
+)
 from torquebench.reducers.preparation import Samples, count_step
 from torquebench.reducers.quantities import Finding, budget
 from torquebench.reducers.repeatability import over_positions
@@ -151,7 +156,9 @@ def evaluate_hysteresis(
     left = NOTHING_LEFT
     if ripple is not None:
         rippling = _evaluated(recording, settings).loops
-        left, found = what_it_hid(ripple, evaluated.loops, rippling, at_reducer=flange is not None)
+        left, found = effect_of_ripple(
+            ripple, evaluated.loops, rippling, at_reducer=flange is not None
+        )
         findings.append(found)
     loops = evaluated.loops
     findings += [*evaluated.findings, *loop_findings(loops, settings)]
@@ -296,7 +303,10 @@ class _Quantities:
     def _over(
         self, choose: Callable[[LoopFeatures], Feature], position: float | None = None
     ) -> tuple[float, list[BudgetLine]]:
-        """Return the mean of a feature over loops and positions, and its contributions."""
+        """Return the mean of a feature over loops and positions, and its uncertainty's lines.
+
+        The lines are scatter between loops and positions, noise, resolution and drift.
+        """
         pairs = [
             (each, other)
             for each, other in zip(self.evaluated.loops, self.evaluated.drifting, strict=True)

@@ -99,12 +99,15 @@ def _combined(readings: Sequence[Reading], weights: Sequence[float]) -> Feature:
     """Return a weighted sum of readings, and its uncertainty by source."""
     value = sum(w * each.value for w, each in zip(weights, readings, strict=True))
 
-    def parts(name: str) -> list[float]:
-        return [abs(w) * getattr(each, name) for w, each in zip(weights, readings, strict=True)]
+    def weighted(source: str) -> list[float]:
+        """Return each reading's uncertainty by a source, times its weight."""
+        return [
+            abs(w) * getattr(reading, source) for w, reading in zip(weights, readings, strict=True)
+        ]
 
     # The error of interpolation between samples is alike on both branches.
-    noise, step = (float(np.linalg.norm(parts(name))) for name in ("noise", "step"))
-    return Feature(float(value), noise, step, sum(parts("between")))
+    noise, step = (float(np.linalg.norm(weighted(source))) for source in ("noise", "step"))
+    return Feature(float(value), noise, step, sum(weighted("between")))
 
 
 def _check_range(raw: RawLoop, low: float, high: float, settings: LoopSettings) -> None:

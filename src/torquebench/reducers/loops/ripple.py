@@ -97,16 +97,18 @@ def without_ripple(
     return recording.at(rows).changed(torques, angles), fastest
 
 
-def what_it_hid(
+def effect_of_ripple(
     ripple: Ripple,
     steady: Sequence[LoopFeatures],
     rippling: Sequence[LoopFeatures],
     *,
     at_reducer: bool,
 ) -> tuple[RippleLeft, Finding]:
-    """Return the ripple's remaining uncertainty: loops of outermost samples against loops of all.
+    """Return the uncertainty that ripple leaves in a loop's results, and a remark about it.
 
-    It is a share of their difference, smaller if the torque is measured at the reducer.
+    Loops whose branches were read at new largest angles only (`steady`) are compared with loops by
+    all samples (`rippling`). A share of their difference is the uncertainty; the share is smaller
+    if the torque was measured at the reducer.
     """
     left = LEFT_AT_REDUCER if at_reducer else LEFT
     if ripple.period < RESOLVED:

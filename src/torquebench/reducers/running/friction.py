@@ -188,6 +188,10 @@ def curve_of(points: SpeedPoints) -> FrictionCurve:
 def _curve(
     speed: Floats, torque: Floats, turn: Floats, group: NDArray[np.int64], own_nm: Floats
 ) -> FrictionCurve:
+    """Average points in groups of one speed: mean, spread, and what turning up or down changes.
+
+    Where no group has two points, the standard error comes from the points' own uncertainty.
+    """
     count = np.bincount(group)
     mean = np.bincount(group, weights=torque) / count
     squares = np.bincount(group, weights=(torque - mean[group]) ** 2)

@@ -155,7 +155,11 @@ def _blocks(values: Floats) -> Floats:
 
 
 def _of_ramp(samples: Samples) -> tuple[Samples, NDArray[np.int64], Floats]:
-    """Average a ramp over parts of its speed range, separately while rising and falling."""
+    """Average a ramp over parts of its speed range, separately while rising and falling.
+
+    Returns the means with the number of the part that each belongs to, and the standard error of
+    each mean torque by its noise.
+    """
     speed = samples["speed_rpm"]
     # Narrower at low speed, where friction bends.
     share = (np.abs(speed) / float(np.max(np.abs(speed)))) ** (2.0 / 3.0)

@@ -237,17 +237,17 @@ def _conformity(record: CertificateRecord, words: Labels) -> dict[str, str] | No
             tolerance=words.short(found.tolerance_percent_fs),
             limit=words.short(found.tolerance_percent_fs / 100.0 * record.item.range_nm),
         ),
-        "decides": _deciding(found, words),
+        "decides": _deciding_error(found, words),
         "counts": _counts(found, words),
         "rule": words["rule"],
     }
 
 
-def _deciding(found: Conformity, words: Labels) -> str:
-    error, expanded = words.pair(found.worst_error_nm, found.expanded_nm)
-    return words["conformity_decides_fresh" if found.fresh else "conformity_decides"].format(
-        torque=words.short(found.at_nm), error=error, expanded=expanded
-    )
+def _deciding_error(conformity: Conformity, words: Labels) -> str:
+    """Return the sentence that names the largest error, with its U, which decides conformity."""
+    error, expanded = words.pair(conformity.worst_error_nm, conformity.expanded_nm)
+    sentence = words["conformity_decides_fresh" if conformity.fresh else "conformity_decides"]
+    return sentence.format(torque=words.short(conformity.at_nm), error=error, expanded=expanded)
 
 
 def _counts(found: Conformity, words: Labels) -> str:
@@ -288,7 +288,7 @@ def verification_words(record: CertificateRecord, words: Labels) -> str:
         text = f"{text} {words['verification_averaged'].format(averaged=averaged)}"
     judged = found.conformity
     if judged is not None:
-        text = f"{text} {_deciding(judged, words)} {_counts(judged, words)}"
+        text = f"{text} {_deciding_error(judged, words)} {_counts(judged, words)}"
     return text
 
 

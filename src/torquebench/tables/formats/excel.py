@@ -230,6 +230,7 @@ def _column(place: str) -> int:
 
 
 def _of_open_document(content: IO[bytes], sheet: str) -> Iterator[tuple[tuple[int, int], str]]:
+    """Yield row, column and text of the cells of a sheet that hold an error."""
     inside, row, column = False, 0, 0
     found: list[tuple[int, str]] = []
     for event, element in ElementTree.iterparse(content, ("start", "end")):

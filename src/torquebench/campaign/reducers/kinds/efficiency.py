@@ -37,22 +37,31 @@ def _plan(
 
 def _evaluate(bench: Bench, reducer: ReducerDescription, running: RunningRecording) -> Evaluated:
     """Evaluate the efficiency map; the output is braked, so its torque changes sign."""
-    given, taken = running.torque_nm["input"], running.torque_nm["output"]
     speed = running.speed_rpm["input"]
-    known = torque_uncertainty(bench, running, "input")
-    given, known = without_tare(bench, given, speed, "input", known)
-    other = torque_uncertainty(bench, running, "output")
-    taken, other = without_tare(bench, taken, speed / reducer.signed_ratio, "output", other)
+    driving, u_driving = without_tare(
+        bench,
+        running.torque_nm["input"],
+        speed,
+        "input",
+        torque_uncertainty(bench, running, "input"),
+    )
+    braking, u_braking = without_tare(
+        bench,
+        running.torque_nm["output"],
+        speed / reducer.signed_ratio,
+        "output",
+        torque_uncertainty(bench, running, "output"),
+    )
     result = evaluate_efficiency(
-        given,
-        -taken,
+        driving,
+        -braking,
         speed,
         reducer.signed_ratio,
         temperature_c=finite_temperature(running.temperature_c),
         nominal_torque_nm=-running.nominal_nm,
         nominal_speed_rpm=running.nominal_rpm,
-        input_uncertainty=known,
-        output_uncertainty=other,
+        input_uncertainty=u_driving,
+        output_uncertainty=u_braking,
         steady=True,
     )
     remarks = bench_remarks(bench, running.compensated, SIDES)
