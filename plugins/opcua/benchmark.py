@@ -25,17 +25,18 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 
 APPLICATION = "urn:torquebench:reconnecting"
 WARM = 500
-"""Reconnections before memory counts: caches fill, and the allocator finds its size."""
+"""Reconnections before memory is measured: caches fill, and the allocator reaches its size."""
 WARM_S = 150.0
-"""Memory counts no sooner, s: live windows are kept for 120 s, recordings begin 60 s back."""
+"""Shortest time before memory is measured, s: live windows last 120 s, recordings start 60 s
+back."""
 PASSWORD = "correct horse battery"
 
 
 class Heard:
-    """Takes notifications."""
+    """Receives notifications and ignores them."""
 
     def datachange_notification(self, _node: object, _value: object, _data: object) -> None:
-        """Take one."""
+        """Ignore a notification."""
 
 
 async def reconnect(url: str, folder: Path, server: Path, token: str) -> None:
@@ -89,7 +90,7 @@ def started(folder: Path) -> tuple[subprocess.Popen[str], str, str]:
 
 
 async def certified(folder: Path) -> None:
-    """Make the client's certificate, and let the server trust it."""
+    """Create the client's certificate, and make the server trust it."""
     await cert_gen.setup_self_signed_certificate(
         folder / "client.pem",
         folder / "client.der",
@@ -103,7 +104,7 @@ async def certified(folder: Path) -> None:
 
 
 async def measure(process: psutil.Process, url: str, folder: Path, token: str, count: int) -> float:
-    """Reconnect; print memory as it goes, and return its growth in %."""
+    """Reconnect `count` times, print the server's memory, and return its growth in %."""
     await certified(folder)
     server = folder / "data" / "opcua" / "certificate.der"
     started_s, warm = time.monotonic(), 0

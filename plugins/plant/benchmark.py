@@ -1,7 +1,7 @@
-"""What a plant's registry keeps up with: a simulated fleet in PostgreSQL, sent, asked, refitted.
+"""Speed of a plant's registry in PostgreSQL with the records of a simulated fleet.
 
-A PostgreSQL server of its own is started from Debian's package, as it comes (fsync on). ``--write``
-puts the tables of the measured parts into ``docs/benchmarks.md``.
+The benchmark starts a PostgreSQL server from Debian's package, with its default settings (fsync
+on). ``--write`` puts the tables of the measured parts into ``docs/benchmarks.md``.
 """
 
 from __future__ import annotations
@@ -47,17 +47,17 @@ BENCHES = 500
 LINKS = 5000
 QUERIES = 300
 BLOCK = 20_000
-"""Rows that the database writes in one statement: it is to answer within 10 s."""
+"""Rows that the database writes in one statement, which has to end within 10 s."""
 
 
 def percentile(seconds: list[float]) -> float:
-    """Return what 95 % stay below, in ms."""
+    """Return the 95th percentile of times, in ms."""
     return 1e3 * float(np.percentile(seconds, 95))
 
 
 @contextmanager
 def clocked(taken: list[float]) -> Iterator[None]:
-    """Note how long something takes, s."""
+    """Append the duration of the block to a list, s."""
     begin = time.perf_counter()
     yield
     taken.append(time.perf_counter() - begin)
@@ -84,7 +84,7 @@ def load(plant: Plant, store: FolderStore, benches: list[FleetBench]) -> tuple[i
 
 
 def lists(plant: Plant, benches: int) -> list[float]:
-    """Return how long the newest 100 runs of one filter and of two took, s."""
+    """Return how long lists of the newest 100 runs with up to two filters took, s."""
     random = np.random.default_rng(1)
     taken: list[float] = []
     newest = plant.runs(50)
@@ -148,7 +148,7 @@ def listed(server: postgresql_server.Server, place: Path, runs: int) -> list[dic
             with plant.transaction() as connection:
                 connection.execute(text("ANALYZE plant.runs, plant.folders"))
             known = stage
-            lists(plant, BENCHES)  # once before, so that pages are in memory
+            lists(plant, BENCHES)  # once in advance, so that the database's pages are in memory
             row = {
                 "runs": stage,
                 "newest_100_ms": percentile(lists(plant, BENCHES)),
@@ -177,7 +177,7 @@ def size_gb(plant: Plant) -> float:
 
 
 def grow(server: postgresql_server.Server, place: Path, runs: int) -> list[dict[str, Any]]:
-    """Measure at every power of ten up to a number of runs."""
+    """Measure a plant's registry at every power of ten up to a number of runs."""
     rows = []
     url = postgresql_server.create_database(server.socket, "fleet")
     with Plant.create(url, f"file://{place}/share") as plant:
@@ -219,7 +219,7 @@ def grow(server: postgresql_server.Server, place: Path, runs: int) -> list[dict[
 
 
 def day_without_link(server: postgresql_server.Server, place: Path) -> dict[str, Any]:
-    """Let benches record for 24 h without the server, then send; count what is lost or twice."""
+    """Let benches record for 24 h without the server, then send; count lost and doubled runs."""
     url = postgresql_server.create_database(server.socket, "day")
     with Plant.create(url, f"file://{place}/day") as plant:
         urls = [plant.register_bench("Bench")[1] for _ in range(3)]
@@ -280,7 +280,7 @@ def day_without_link(server: postgresql_server.Server, place: Path) -> dict[str,
 
 
 class _Watch(NoProgress):
-    """Notes when runs come back, and how much memory this process and its workers have."""
+    """Records when runs are evaluated, and the memory of this process and its workers."""
 
     def __init__(self) -> None:
         self.moments: list[float] = []
@@ -288,7 +288,7 @@ class _Watch(NoProgress):
         self.memory_mb: list[float] = []
 
     def reach(self, done: int, detail: str = "") -> None:  # noqa: ARG002 - Progress has it
-        """Note it."""
+        """Record time, number of runs and memory."""
         self.moments.append(time.perf_counter())
         self.done.append(done)
         me = psutil.Process()
@@ -297,7 +297,7 @@ class _Watch(NoProgress):
         self.memory_mb.append(sum(each.memory_info().rss for each in own) / 1e6)
 
     def rate(self) -> float:
-        """Return runs a second from a tenth of them on: processes have started by then."""
+        """Return runs per second without the first tenth, during which processes start."""
         first = len(self.moments) // 10
         return (self.done[-1] - self.done[first]) / (self.moments[-1] - self.moments[first])
 
@@ -388,7 +388,7 @@ GROWTH: tuple[Line, ...] = (
 
 
 def load_words() -> str:
-    """Return the number of processors and the load, which decide all times."""
+    """Return the number of processors and the load, on which all times depend."""
     return f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
 
 
@@ -407,7 +407,7 @@ def growth_section(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def drift_section(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return what the drift of one kind took."""
+    """Return a sentence about how long the drift of one kind took."""
     last = rows[-1]
     return (
         f"Drift of one kind over {last['files']:,} Parquet files (81 points each): "
@@ -416,7 +416,7 @@ def drift_section(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def day_section(found: Mapping[str, Any]) -> str:
-    """Return what 24 h without a connection took."""
+    """Return a paragraph about 24 h without a connection."""
     return (
         f"24 h without a connection: {found['benches']} benches recorded {found['runs']} runs "
         f"while the server was stopped ({found['refused']} attempts to send were refused), then "
@@ -426,7 +426,7 @@ def day_section(found: Mapping[str, Any]) -> str:
 
 
 def refits_section(found: Mapping[str, Any]) -> str:
-    """Return what refitting took."""
+    """Return a paragraph about how long refitting took."""
     (_, first), (_, last) = found["memory_mb"]
     same = "the results are identical" if not found["different"] else "THE RESULTS DIFFER"
     return (
@@ -438,7 +438,7 @@ def refits_section(found: Mapping[str, Any]) -> str:
 
 
 def main() -> None:
-    """Measure, and write the tables where that is wanted."""
+    """Measure, and write the tables if `--write` is given."""
     parser = argparse.ArgumentParser(
         prog="python -m plugins.plant.benchmark",
         description=__doc__,

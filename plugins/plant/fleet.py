@@ -1,6 +1,6 @@
-"""A fleet of benches with a seed: chains of records and points of calibrations, simulated.
+"""Records and calibration points of a simulated fleet of benches.
 
-Nothing is measured: rows and files are what benches would send, from one seed.
+Nothing is measured: rows and files, as benches would send them, are generated from a seed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ KINDS = ("test-hysteresis", "test-no-load", "check-output", "verify-output")
 SHARES = (0.5, 0.3, 0.15, 0.05)
 OPERATORS = tuple(f"operator-{k}" for k in range(40))
 EVERY = 100
-"""One run in so many is a calibration."""
+"""Number of runs of which one is a calibration."""
 
 
 def calibration_points(span_percent: float, serial: str, seed: int) -> dict[str, Any]:
@@ -63,9 +63,9 @@ class FleetBench:
     Parameters
     ----------
     seed, number : int
-        Of the fleet, and of the bench in it, from 0.
+        Seed of the fleet, and number of the bench in the fleet, from 0.
     runs : int
-        How many it recorded over two years.
+        Number of runs that the bench recorded in two years.
     """
 
     seed: int
@@ -74,21 +74,21 @@ class FleetBench:
 
     @property
     def name(self) -> str:
-        """Name in its hall."""
+        """Return the bench's name in its hall."""
         return f"Bench {self.number % 50 + 1}"
 
     @property
     def place(self) -> str:
-        """Hall."""
+        """Return the hall's name."""
         return f"Hall {self.number // 50 + 1}"
 
     @property
     def serial(self) -> str:
-        """Serial number of its transducer."""
+        """Return the transducer's serial number."""
         return f"T-{self.number:04}"
 
     def records(self, root: str) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-        """Return the links of its chain, and what it says when its folders have arrived."""
+        """Return the links of the bench's chain, and its reports about arrived folders."""
         links: list[dict[str, Any]] = []
         arrived: list[dict[str, Any]] = []
         head = ChainHead(0, START)
@@ -161,12 +161,12 @@ class FleetBench:
         return links, arrived
 
     def span_percent(self, started: datetime) -> float:
-        """Return the error of the transducer's span on a day: 0.02 % a year and its own part."""
+        """Return the transducer's span error on a day: drift of 0.02 % a year plus a constant."""
         own = np.random.default_rng([self.seed, self.number, 1]).normal()
         return 0.02 * (started - BEGIN).days / 365.25 + 0.05 * float(own)
 
     def write_points(self, store: FolderStore, root: str) -> int:
-        """Write the points of its calibrations as Parquet files; return how many."""
+        """Write the bench's calibration points as Parquet files; return the number of files."""
         count = 0
         step = timedelta(days=365.25 * YEARS) / self.runs
         for k in range(0, self.runs, EVERY):
@@ -244,6 +244,6 @@ class FleetBench:
 
 
 def fleet(seed: int, benches: int, runs: int) -> Iterator[FleetBench]:
-    """Yield benches that have so many runs together."""
+    """Yield benches that together have a number of runs."""
     for number in range(benches):
         yield FleetBench(seed, number, runs // benches)

@@ -1,9 +1,9 @@
-"""Three simulated benches and a plant: the link is cut, the benches go on, nothing is lost.
+"""Demonstrate three simulated benches and a plant: the link is cut, and no record is lost.
 
 make plant, or: python -m plugins.plant.example.demonstration
 
 PostgreSQL comes from Debian's package (apt install postgresql) and runs in a folder of its own,
-which is removed at the end. The benches are simulated; everything else is as in a plant.
+which is removed at the end. Only the benches are simulated.
 """
 
 import os
@@ -20,13 +20,13 @@ import torquebench as torquebench_package
 from torquebench.records import Registry
 from torquebench_plant import Plant, forward
 
-BENCHES = ("Bench 1", "Bench 1", "Bench 2")  # two of one name, in two halls
+BENCHES = ("Bench 1", "Bench 1", "Bench 2")  # two benches with the same name, in two halls
 SIMULATED = Path(torquebench_package.__file__).parent / "bench" / "simulated.toml"
 PLACES = ("Hall 1", "Hall 2", "Hall 2")
 
 
 def torquebench(*words: object, may_fail: bool = False) -> int:
-    """Run a command as a user does, and show it."""
+    """Print a command and run it as a user does."""
     said = [str(word) for word in words]
     print("\n$ torquebench", *said, flush=True)
     environment = {**os.environ, "TORQUEBENCH_OPERATOR": "demonstration"}
@@ -39,7 +39,7 @@ def torquebench(*words: object, may_fail: bool = False) -> int:
 
 
 def main() -> None:
-    """Show it, and end with 1 where anything was lost."""
+    """Run the demonstration, and exit with 1 if a run was lost."""
     if postgresql_server.binaries() is None:
         sys.exit("PostgreSQL isn't installed. On Debian: apt install postgresql")
     with (
@@ -54,7 +54,7 @@ def main() -> None:
 
 
 def demonstrate(server: postgresql_server.Server, place: Path) -> int:
-    """Cut the link and mend it; return how many runs the plant lacks."""
+    """Stop the plant's server and start it again; return how many runs the plant lacks."""
     (place / "share").mkdir()
     admin = ("--plant", server.url)
     torquebench("plant", "init", "--folders", f"file://{place}/share", *admin)
@@ -65,7 +65,7 @@ def demonstrate(server: postgresql_server.Server, place: Path) -> int:
     data = [place / f"bench-{number}" for number in (1, 2, 3)]
 
     described = []
-    for number in (1, 2, 3):  # a transducer and noise of its own each
+    for number in (1, 2, 3):  # each bench has its own transducer and noise
         text = SIMULATED.read_text(encoding="utf-8").replace("SIM-T2000", f"SIM-T2000-{number}")
         described.append(place / f"bench-{number}.toml")
         described[-1].write_text(text.replace("seed = 1", f"seed = {number}"), encoding="utf-8")
@@ -99,7 +99,7 @@ def demonstrate(server: postgresql_server.Server, place: Path) -> int:
 
 
 def push(folder: Path, link: URL) -> None:
-    """Send what the plant doesn't have of a bench."""
+    """Send a bench's records that the plant lacks."""
     begin = time.perf_counter()
     with Registry.open(folder) as registry:
         done = forward(registry, link.render_as_string(hide_password=False))
@@ -111,7 +111,7 @@ def push(folder: Path, link: URL) -> None:
 
 
 def count(server: postgresql_server.Server, data: list[Path]) -> int:
-    """Compare what the benches have with what the plant has; return how many runs it lacks."""
+    """Compare the runs of benches and plant; return how many runs the plant lacks."""
     with Plant.open(server.url) as plant:
         known = [(run.bench_key, run.run_id) for run in plant.runs(10_000) if run.url]
         heads = {state.number: state.head for state in plant.benches()}

@@ -1,7 +1,7 @@
 """Access control: trusted certificates, and the panel's accounts and clients.
 
-A connection needs both. Anonymous access is refused, and nothing can be written except through
-methods, which the service authorises.
+A connection needs a trusted certificate and an account. Anonymous access is refused, and nothing
+can be written except through methods, which the service authorises.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _caller: ContextVar[Actor | None] = ContextVar("caller", default=None)
 
 
 def _say_nothing(_text: str) -> None:
-    """Ignore a note."""
+    """Ignore a message."""
 
 
 class Store:
@@ -67,21 +67,22 @@ class Store:
         self.rejected = self.folder / "rejected"
 
     def prepare(self, host: str, bench: str, note: Callable[[str], None] = _say_nothing) -> str:
-        """Create missing files, and return the application's URI, which is the certificate's.
+        """Create missing key and certificate; return the application URI in the certificate.
 
         Parameters
         ----------
         host : str
-            Where the server listens.
+            Host name or address at which the server listens.
         bench : str
-            The bench's name as a serial number.
+            The bench's name, used as its serial number.
         note : callable
-            Told where clients have to trust a new certificate.
+            Called with a message when the server has a new certificate that clients have to trust.
 
         Raises
         ------
         InputError
-            Key or certificate can't be used: open to others, expired, weak, without an URI.
+            The key file is readable by other users, or the certificate is expired, weak or without
+            a URI.
         """
         for folder in (self.folder, self.trusted, self.rejected):
             private_folder(folder)
@@ -145,7 +146,7 @@ class Store:
         atomic_write(self.certificate, made.public_bytes(Encoding.DER))
 
     def trusts(self, certificate: bytes | None) -> bool:
-        """Whether a client's certificate (DER) is trusted, valid now and strong enough."""
+        """Whether a client's certificate (DER) is trusted, currently valid and strong enough."""
         if not certificate:
             return False
         try:
@@ -162,7 +163,7 @@ class Store:
         return False
 
     def reject(self, certificate: bytes) -> None:
-        """Store an untrusted certificate, so that an administrator can decide about it."""
+        """Store an untrusted certificate, so that an administrator can trust it later."""
         with contextlib.suppress(ValueError, OSError, TorquebenchError):
             shown = x509.load_der_x509_certificate(certificate)
             name = shown.fingerprint(hashes.SHA1()).hex()
@@ -173,7 +174,7 @@ class Store:
 
 
 def strong(certificate: x509.Certificate) -> bool:
-    """Whether a certificate's key is one that Basic256Sha256 allows: RSA, 2048 to 4096 bits."""
+    """Whether Basic256Sha256 allows a certificate's key: RSA, 2048 to 4096 bits."""
     key = certificate.public_key()
     return isinstance(key, RSAPublicKey) and 2048 <= key.key_size <= 4096
 
@@ -193,7 +194,7 @@ def _uris(certificate: x509.Certificate) -> list[str]:
 
 
 def _name_of(host: str) -> x509.GeneralName | None:
-    """Return a host as a certificate names it, None where it is every address."""
+    """Return a host's name for the certificate; None if the server listens at all addresses."""
     try:
         address = ipaddress.ip_address(host)
     except ValueError:
@@ -232,7 +233,7 @@ class Gate:
         password: str | bytes | None = None,
         certificate: bytes | None = None,
     ) -> User | None:
-        """Return the user of a session, None where it is refused.
+        """Return the user of a session, or None if the session is refused.
 
         `certificate` is that of the secure channel; an open channel has none.
         """
@@ -256,12 +257,12 @@ class Gate:
 
 
 class GuardedServer(InternalServer):
-    """Sessions whose methods know their caller."""
+    """Server whose methods know the user that called them."""
 
     def create_session(
         self, name: str, user: User | None = None, external: bool = False
     ) -> InternalSession:
-        """Return a session."""
+        """Return a new session."""
         return _Session(
             self,
             self.aspace,
@@ -273,7 +274,7 @@ class GuardedServer(InternalServer):
 
     @property
     def outside(self) -> list[InternalSession]:
-        """Sessions of clients."""
+        """Return the sessions of clients."""
         return list(self._external_sessions.values())
 
 

@@ -27,7 +27,7 @@ class Endpoint:
         Raises
         ------
         InputError
-            When it isn't one.
+            The URL isn't an OPC UA address.
 
         Examples
         --------
@@ -48,6 +48,6 @@ class Endpoint:
         return cls(parts.hostname, port)
 
     def url(self, port: int) -> str:
-        """Return the URL with the port that was taken."""
+        """Return the URL with the port at which the server listens."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"opc.tcp://{host}:{port}"

@@ -14,7 +14,7 @@ from torquebench_opcua.nodes import argument, at, typed_object
 __all__ = ["Transfers"]
 
 IDLE_S = 60.0
-"""Unused time after which a file is removed, s: `ClientProcessingTimeout`."""
+"""Time without access after which a file is removed, s: `ClientProcessingTimeout`."""
 MOST_OPEN = 16
 LONGEST_READ = 1 << 20
 _BYTES, _UINT32, _UINT64, _BOOLEAN, _UINT16 = 15, 7, 9, 1, 5
@@ -39,7 +39,7 @@ class Transfers:
         self._count = 0
 
     async def offer(self, name: str, content: bytes) -> tuple[ua.NodeId, int] | None:
-        """Open a file for the caller; None where too many are open."""
+        """Open a file for the caller; return None if too many files are open."""
         await self.forget()
         actor = caller()
         if len(self._open) >= MOST_OPEN or actor is None:
@@ -75,7 +75,7 @@ class Transfers:
         return node.nodeid, handle
 
     async def forget(self) -> None:
-        """Remove files that are no longer read."""
+        """Remove files that clients have stopped reading."""
         old = time.monotonic() - IDLE_S
         for handle in [each for each, found in self._open.items() if found.used < old]:
             await self._remove(handle)

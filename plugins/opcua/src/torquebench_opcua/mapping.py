@@ -60,9 +60,9 @@ def common_code(unit: str) -> int:
 
 @dataclass(frozen=True)
 class Signal:
-    """A live value: its browse name, its field of the snapshot and what it is.
+    """A live value: its browse name, its field in the snapshot and its description.
 
-    `largest` names the field of a side that is its largest value, if there is one.
+    `largest` is the name of the side's field with the largest value, if there is one.
     """
 
     name: str
@@ -74,12 +74,12 @@ class Signal:
 
     @property
     def unit(self) -> str:
-        """Unit, by the ending of the field's name."""
+        """Return the unit, which ends the field's name."""
         return unit_of_name(self.field)
 
     @property
     def part(self) -> str:
-        """Name of the field without its unit."""
+        """Return the field's name without the unit."""
         return self.field.rpartition("_")[0]
 
 
@@ -112,8 +112,8 @@ def live_values(
 ) -> dict[tuple[str, str], LiveValue]:
     """Return all live values by side ("" for the bench) and name.
 
-    A value that is missing or has a fault is bad, an old one uncertain. While a critical alarm is
-    latched everything is uncertain, and so is a torque without a valid compensation.
+    A missing or faulty value is bad, an old value uncertain. While a critical alarm is latched, all
+    values are uncertain; so is a torque without a valid compensation.
     """
     moment = now or datetime.now(UTC)
     values: dict[tuple[str, str], LiveValue] = {}
@@ -157,5 +157,5 @@ def machine_state(bench: BenchSnapshot) -> MachineState:
 
 
 def severity(alarm: AlarmView) -> int:
-    """Return an alarm's severity, 1 to 1000: that of critical ones is high."""
+    """Return an alarm's severity from 1 to 1000, which is high for critical alarms."""
     return 900 if alarm.level == "critical" else 400

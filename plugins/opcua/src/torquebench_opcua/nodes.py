@@ -53,7 +53,7 @@ _ABOUT = {
 _UNITS = "http://www.opcfoundation.org/UA/units/un/cefact"
 _ANALOG_UNIT, _ANALOG_UNIT_RANGE = 17497, 17570
 VALUES_OF = 20
-"""Tests whose values are variables; all results have them in their content."""
+"""Number of newest tests whose values are variables; every result contains its values."""
 
 Method = Callable[..., Awaitable[Any]]
 
@@ -172,7 +172,7 @@ class AddressSpace:
             )
 
     async def write_about(self, values: dict[str, Any]) -> None:
-        """Write what is shown of the bench beside its measured values, by the names."""
+        """Write the bench's variables other than live values, by their names."""
         for name, (_, kind, _description) in _ABOUT.items():
             await self.about[name].write_value(ua.Variant(values[name], kind))
 

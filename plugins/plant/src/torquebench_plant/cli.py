@@ -442,7 +442,7 @@ BaseOption = Annotated[
 
 
 def show(found: Answer, path: Path | None) -> None:
-    """Print an answer within 80 columns, and write it where a file is named."""
+    """Print an answer within 80 columns, and write it to a file if one is named."""
     answer(**PLANT_ANSWER.of(found))
     simulated = " - simulated" if found.simulated else ""
     out().print(Text(f"{found.title}{simulated}", style="bold"))
@@ -497,7 +497,7 @@ def _short(value: Any) -> str:
 
 @dataclass(frozen=True)
 class SpecimenOptions:
-    """Which specimens, and which of their values."""
+    """Options that choose specimens and the quantity."""
 
     specimen_type: TypeArgument
     quantity: QuantityArgument
@@ -515,13 +515,13 @@ class SpecimenOptions:
 
 @dataclass(frozen=True)
 class AnswerOptions:
-    """The plant, and where its answer is written."""
+    """Options for the plant's URL and the answer's file."""
 
     out_file: OutOption = None
     plant: PlantOption = ""
 
     def show(self, ask: Callable[[Plant], Answer]) -> Answer:
-        """Ask the plant, print its answer and write it where a file is named."""
+        """Ask the plant, print its answer, and write it to a file if one is named."""
         with opened(self.plant, self.out_file) as plant:
             answered = ask(plant)
         show(answered, self.out_file)

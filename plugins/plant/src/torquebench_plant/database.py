@@ -34,7 +34,7 @@ from torquebench_plant.schema import (
 
 CHUNK = 5000
 CLOCK_WARNED_S, CLOCK_REFUSED_S = 120.0, 86_400.0
-"""Differences between the clocks of bench and plant that are told, and that are refused, s."""
+"""Differences between the clocks of bench and plant that cause a warning and a refusal, s."""
 CONNECTIONS = 20
 """Largest number of connections of one role."""
 _OPEN_RIGHTS = """
@@ -58,18 +58,17 @@ class BenchState:
     number : int
         Its number in the plant: benches may have the same name.
     name, place : str
-        As it was registered.
+        Name and location that were registered.
     head : ChainHead
-        End of its chain, as far as it has arrived.
+        End of its chain in the plant.
     ahead_s : float
-        How far the newest entry's time lies after the plant's present time, s; 0 for a clock that
-        is right.
+        How far the newest entry's time is ahead of the plant's clock, s; 0 if it isn't.
     last_contact : datetime or None
-        When it last sent something.
+        When the bench last sent entries or folders.
     runs, folders : int
         Numbers of known runs and of sealed folders that have arrived.
     replaced_by : int or None
-        Number of the bench that went on in its place.
+        Number of the bench that replaced it.
     """
 
     number: int
@@ -85,7 +84,7 @@ class BenchState:
 
     @property
     def title(self) -> str:
-        """Number and name, which distinguishes benches with the same name."""
+        """Return number and name, so that benches with the same name are distinguished."""
         return f"{self.number} {self.name}"
 
 
@@ -98,11 +97,11 @@ class PlantRun:
     bench : str
         Number and name of the bench.
     specimen_type, serial, batch : str
-        Of a tested reducer; empty for other runs and until its folder has arrived.
+        Data of the tested reducer; empty for other runs and until the folder has arrived.
     withdrawn : datetime or None
-        Time since when it doesn't count.
+        When the run was withdrawn; None if it wasn't.
     url : str
-        URL of its folder; empty until it has arrived.
+        URL of the run's folder; empty until the folder has arrived.
     """
 
     bench_key: int
@@ -159,7 +158,7 @@ class PlantDatabase:
 
     @property
     def name(self) -> str:
-        """URL without its password."""
+        """Return the URL without the password."""
         return self.url.render_as_string()
 
     def close(self) -> None:
@@ -173,7 +172,7 @@ class PlantDatabase:
         Raises
         ------
         RecordError
-            If the database fails or refuses; nothing is stored then.
+            The database fails or refuses a statement; nothing is stored then.
         """
         with (
             database_failures(Message("the plant's registry {name}", self.name)),
@@ -195,12 +194,12 @@ class Plant(PlantDatabase):
 
     @classmethod
     def open(cls, url: str | URL) -> Self:
-        """Open a plant's registry that exists.
+        """Open an existing plant registry.
 
         Raises
         ------
         RecordError
-            The database holds none, or one of another version.
+            The database contains no plant registry, or one of another version.
         """
         plant = cls(url)
         try:
@@ -227,19 +226,19 @@ class Plant(PlantDatabase):
 
     @classmethod
     def create(cls, url: str | URL, folders_url: str) -> Self:
-        """Make a plant's registry in an existing database, and open it.
+        """Create a plant's registry in an existing database, and open it.
 
         Parameters
         ----------
         url : str or sqlalchemy.URL
-            Of a role that may make tables and roles.
+            URL of the database for a role that may create tables and roles.
         folders_url : str
-            Where sealed run folders go: ``file:///…`` or ``s3://bucket/…``.
+            URL at which sealed run folders are stored: ``file:///…`` or ``s3://bucket/…``.
 
         Raises
         ------
         RecordError
-            There is one already, or the database isn't in UTF-8.
+            The database already contains a plant registry, or isn't in UTF-8.
         """
         plant = cls(url)
         try:
@@ -281,16 +280,16 @@ class Plant(PlantDatabase):
 
     @staticmethod
     def _protect_disk(connection: Connection) -> None:
-        """Take from everybody the rights to fill the disk beside the plant's tables.
+        """Revoke everybody's rights to fill the disk with data outside the plant's tables.
 
-        What this role may not take is left, see `open_rights`.
+        Rights that this role can't revoke remain; `open_rights` lists them.
         """
         for statement in connection.scalars(text(_OPEN_RIGHTS)).all():
             with contextlib.suppress(SQLAlchemyError), connection.begin_nested():
                 connection.exec_driver_sql(statement)
 
     def open_rights(self) -> list[str]:
-        """Return the statements by which the server's administrator protects the disk.
+        """Return the statements that the server's administrator has to run to protect the disk.
 
         Without them a bench's role may store large objects or temporary tables of any size.
         """
@@ -304,7 +303,7 @@ class Plant(PlantDatabase):
 
     @property
     def folders_url(self) -> str:
-        """Where sealed run folders go."""
+        """Return the URL at which sealed run folders are stored."""
         with self.transaction() as connection:
             return self._setting(connection, "folders")
 
@@ -320,13 +319,14 @@ class Plant(PlantDatabase):
         name, place : str
             Its name and location.
         replaces : int, optional
-            Number of the bench whose registry was recreated; its earlier rows no longer count.
+            Number of the bench whose registry was recreated; the rows of this number no longer
+            count.
 
         Returns
         -------
         int, sqlalchemy.URL
-            Its number, and the URL by which the bench reaches the plant; it holds its password,
-            which isn't stored anywhere else.
+            The bench's number, and the URL by which it reaches the plant. The URL contains the
+            role's password, which isn't stored anywhere else.
         """
         if not name.strip():
             raise InputError("a bench without a name", "a name")
@@ -340,7 +340,7 @@ class Plant(PlantDatabase):
                 .returning(benches.c.bench_key)
             )
             assert number is not None
-            # Roles outlive a database that is dropped and made again under its name.
+            # Roles remain when a database is dropped and created again with the same name.
             made = self._setting(connection, "identity")[:6]
             role = f"torquebench_{self.url.database}_{made}_{number}"[-63:]
             connection.execute(
@@ -435,7 +435,7 @@ class Plant(PlantDatabase):
         limit, offset : int
             Number of rows, and number of the newest rows to skip.
         withdrawn : bool, optional
-            Only withdrawn runs, or only those that aren't.
+            Only withdrawn runs (True), or only the others (False).
         **filters
             Required value of a field of `PlantRun`, such as ``kind="test-hysteresis"``,
             ``bench_key=3``, ``batch="B-17"``.
@@ -443,7 +443,7 @@ class Plant(PlantDatabase):
         Raises
         ------
         InputError
-            A filter that isn't a column of runs.
+            A filter isn't a column of runs.
         """
         unknown = sorted(set(filters) - set(_FILTERS))
         if unknown:
@@ -479,7 +479,8 @@ class Plant(PlantDatabase):
         Raises
         ------
         InputError
-            There is none, or benches have several of this name and none is chosen.
+            There is no such run, or several benches have a run of this name and `bench` isn't
+            given.
         """
         found = self.runs(3, run_id=run_id, bench_key=bench)
         if len(found) != 1:
@@ -494,9 +495,10 @@ class Plant(PlantDatabase):
         return found[0]
 
     def withdraw(self, run: PlantRun, *, by: str, reason: str) -> int:
-        """Withdraw a run: no answer uses it any more, and its bench notes it at its next contact.
+        """Withdraw a run, so that answers no longer use it.
 
-        The same sealed run is withdrawn wherever it is known. Its folder and its rows stay.
+        Its bench records the withdrawal at its next contact. If several benches have sent the
+        same sealed run, all copies are withdrawn. Folder and rows are kept.
 
         Returns
         -------
@@ -506,7 +508,7 @@ class Plant(PlantDatabase):
         Raises
         ------
         InputError
-            Nobody or no reason is named, or it is withdrawn already.
+            The name or the reason is empty, or the run is already withdrawn.
         """
         if not by.strip() or not reason.strip():
             raise InputError("a withdrawal without name or reason", "a name and a reason")
@@ -550,7 +552,7 @@ class Plant(PlantDatabase):
             after = rows[-1].sequence
 
     def verify_chain(self, state: BenchState) -> tuple[int, list[str]]:
-        """Check the hash chain of a bench in the plant, from its first entry to its head.
+        """Check a bench's hash chain in the plant, from its first entry to its head.
 
         Returns
         -------
@@ -588,7 +590,7 @@ class Plant(PlantDatabase):
 
 
 def _ahead_s(recorded: str | None, now: datetime) -> float:
-    """Return how far an entry's time lies in the future, s; 0 where it doesn't."""
+    """Return how far an entry's time lies in the future, s; 0 for a time in the past."""
     if recorded is None:
         return 0.0
     ahead_s = (datetime.fromisoformat(recorded) - now).total_seconds()

@@ -1,7 +1,7 @@
 """Sealed run folders on a share or in an object store, by fsspec.
 
-``file://`` is a mounted share, ``s3://`` an S3 store, through Arrow's own client; other protocols
-work if fsspec finds an installed library.
+``file://`` is a mounted share, ``s3://`` an S3 store (by Arrow's client); other protocols work if a
+library for fsspec is installed.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ STAYS = (EDGE_ARCHIVE,)
 
 @dataclass(frozen=True)
 class PushedFolder:
-    """A run folder that has arrived.
+    """A run folder that was copied to the plant's store.
 
     Parameters
     ----------
     url : str
-        Where it lies.
+        URL of the folder in the store.
     size : int
-        Bytes that arrived.
+        Number of copied bytes.
     left_out : tuple of str
-        Files that stay at the bench.
+        Names of files that remain at the bench.
     """
 
     url: str
@@ -70,16 +70,16 @@ class FolderStore:
         self._fs = _filesystem(self.url, self.protocol)
 
     def path(self, url: str) -> str:
-        """Return a URL of this store as its file system names it."""
+        """Return the path in the store's file system for a URL."""
         parts = urlsplit(url)
         return parts.path if self.protocol == "file" else f"{parts.netloc}{parts.path}"
 
     def duckdb_path(self, url: str) -> str:
-        """Return a URL of this store for DuckDB; see `offer_to`."""
+        """Return the path by which DuckDB reads a URL of this store; see `offer_to`."""
         return self.path(url) if self.protocol == "file" else f"plant://{self.path(url)}"
 
     def offer_to(self, connection: Any) -> None:
-        """Have a DuckDB connection read this store by the client that this process uses."""
+        """Let a DuckDB connection read this store through this process's client."""
         if self.protocol != "file":
             connection.register_filesystem(_offered(self._fs))
 
@@ -89,7 +89,7 @@ class FolderStore:
         Raises
         ------
         RecordError
-            It isn't there, or the store doesn't answer.
+            The file doesn't exist, or the store doesn't answer.
         """
         try:
             with self._fs.open(self.path(url), "rb") as file:
@@ -102,13 +102,13 @@ class FolderStore:
             ) from error
 
     def put(self, url: str, content: bytes) -> None:
-        """Write a file whole or not at all."""
+        """Write a file completely or not at all."""
         self._write(url, io.BytesIO(content))
 
     def push(self, folder: Path, manifest_sha256: str, url: str) -> PushedFolder:
         """Copy a sealed run folder, and check each file against the manifest.
 
-        The manifest comes last: an incomplete folder has none, and is sent again.
+        The manifest is copied last: a folder without a manifest is incomplete and is sent again.
 
         Raises
         ------
@@ -139,7 +139,7 @@ class FolderStore:
         Raises
         ------
         RecordError
-            It can't be read, or isn't the one in the chain.
+            The manifest can't be read, or its hash isn't the one in the chain.
         """
         sealed = self.read(f"{url}/{MANIFEST}")
         if hashlib.sha256(sealed).hexdigest() != manifest_sha256:
@@ -196,7 +196,7 @@ class FolderStore:
 
     @contextlib.contextmanager
     def _writing(self, target: str) -> Iterator[Any]:
-        """Yield a file that the store has when the block ends without error."""
+        """Yield a file that appears in the store only if the block ends without error."""
         if self.protocol == "file":
             self._fs.makedirs(Path(target).parent.as_posix(), exist_ok=True)
             with replacing(Path(target)) as part, part.open("wb") as file:
@@ -251,6 +251,6 @@ def _offered(store: Any) -> Any:
             return store.modified(self._strip_protocol(path))
 
         def glob(self, path: str, **_options: Any) -> list[str]:
-            return [path]  # only whole names are requested, never patterns
+            return [path]  # DuckDB requests only complete names, never patterns
 
     return Offered()

@@ -53,15 +53,15 @@ class Forwarded:
     head : ChainHead
         End of the chain at the plant now.
     entries, folders : int
-        How many were sent.
+        Numbers of sent entries and folders.
     size : int
-        Bytes of the folders.
+        Bytes of the sent folders.
     withdrawn : list of str
-        Local records that the plant has withdrawn, in words.
+        Messages about local records that the plant has withdrawn.
     problems : list of str
-        Folders that couldn't be sent, and why; they are tried again next time.
+        Folders that couldn't be sent, with reasons; they are sent again next time.
     clock : str
-        What is wrong with the bench's clock, in words; empty if it is right.
+        Message about a wrong clock of the bench; empty if the clock is right.
     """
 
     bench: str
@@ -76,7 +76,7 @@ class Forwarded:
 
 @dataclass(frozen=True)
 class _Mine:
-    """Identity of this bench in the plant, and how far its clock is ahead of the plant's, s."""
+    """This bench's identity in the plant, and the lead of its clock over the plant's, s."""
 
     number: int
     name: str
@@ -142,13 +142,13 @@ class BenchLink(PlantDatabase):
             return [(row.run_id, row.manifest_sha256) for row in rows]
 
     def arrived(self, pushed: list[dict[str, Any]]) -> int:
-        """Report arrived folders with their facts; return the number of new ones."""
+        """Report arrived folders with their results; return the number of new folders."""
         query = text("SELECT plant.arrived(CAST(:pushed AS json))")
         with self.transaction() as connection:
             return int(connection.scalar(query, {"pushed": json_text(pushed)}) or 0)
 
     def withdrawals(self) -> list[tuple[str, str, str]]:
-        """Return runs of this bench that the plant withdrew and the bench doesn't know of."""
+        """Return runs of this bench whose withdrawal by the plant the bench hasn't recorded yet."""
         with self.transaction() as connection:
             rows = connection.execute(text("SELECT * FROM plant.my_withdrawals()"))
             return [(row.run_id, row.withdrawn_by, row.reason) for row in rows]
@@ -168,7 +168,7 @@ def forward(
     Parameters
     ----------
     registry : Registry
-        Of the bench.
+        Registry of the bench.
     url : str or sqlalchemy.URL
         The bench's URL of the plant.
     progress : Progress
@@ -178,9 +178,9 @@ def forward(
     Raises
     ------
     UnavailableError
-        The link is down; everything stays with the bench.
+        The link is down; all records remain at the bench.
     RecordError
-        The plant's end of the chain isn't in this registry: it isn't the one that was sent so far.
+        The plant's last link isn't in this registry, so another registry was sent before.
     """
     with BenchLink(url) as link:
         mine = link.mine()
@@ -198,7 +198,7 @@ def forward(
 
 
 def _check_clock(mine: _Mine) -> str:
-    """Return what is wrong with the clock of this bench; refuse one that is wrong by days."""
+    """Return a message if this bench's clock is wrong; refuse a clock that is wrong by a day."""
     if abs(mine.ahead_s) < CLOCK_WARNED_S:
         return ""
     units = ((DAYS_PER_YEAR * DAY, "years"), (DAY, "days"), (HOUR, "h"), (1.0, "s"))
@@ -220,7 +220,7 @@ def _check_clock(mine: _Mine) -> str:
 
 
 def _check_same(registry: Registry, mine: _Mine) -> None:
-    """Refuse a registry other than the one that this bench has sent so far."""
+    """Refuse a registry that doesn't continue what this bench has sent before."""
     noted = _noted(registry.root)
     if noted and (noted["plant"], noted["number"]) != (mine.plant, mine.number):
         raise InputError(
@@ -263,7 +263,7 @@ def _check_same(registry: Registry, mine: _Mine) -> None:
 def _send_entries(registry: Registry, link: BenchLink, done: Forwarded, progress: Progress) -> None:
     end = registry.head().sequence
     first = done.head.sequence
-    if first >= end:  # nothing to say, each minute
+    if first >= end:  # no message each minute if there is nothing to send
         return
     progress.start("Sending entries", end - first)
     while done.head.sequence < end:
@@ -357,9 +357,9 @@ def _note_link(registry: Registry, mine: _Mine, head: ChainHead) -> None:
 
 
 def note_withdrawal(registry: Registry, run_id: str, *, by: str, reason: str) -> str:
-    """Enter at a bench that the plant withdrew one of its runs; return a message.
+    """Record in a bench's registry that the plant withdrew a run; return a message.
 
-    A model that was fitted to it is taken out of use.
+    A model fitted to this run is taken out of use.
     """
     with registry.writing():
         (end,) = registry.entries(RunEnd, run_key=registry.run(run_id).number)
@@ -384,7 +384,8 @@ def note_withdrawal(registry: Registry, run_id: str, *, by: str, reason: str) ->
     return said
 
 
-# -- what the plant reads of a folder ----------------------------------------------------------
+# -- results in a folder that the plant uses
+# ----------------------------------------------------------
 
 _COLUMNS = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS)
 
@@ -396,9 +397,9 @@ class RunFacts:
     Parameters
     ----------
     specimen_type, serial : str
-        Of the tested reducer; empty for other runs.
+        Type and serial number of the tested reducer; empty for other runs.
     quantities : tuple of mapping
-        Of a reducer test: quantity, title, value, expanded uncertainty, unit, limit, verdict.
+        Results of a reducer test: quantity, title, value, U, unit, limit, verdict.
     """
 
     specimen_type: str = ""
@@ -438,15 +439,19 @@ def facts_of(results: Any) -> RunFacts:
                 if row.get("value") is not None
             ),
         )
-    except (AttributeError, KeyError, TypeError):  # of no version: it is kept, not understood
+    except (
+        AttributeError,
+        KeyError,
+        TypeError,
+    ):  # unknown content: kept without results
         return RunFacts()
 
 
 def points_table(results: Any, started: datetime) -> bytes | None:
     """Return the points of a calibration, check or verification as a Parquet file (zstd).
 
-    None where the run has none. Values common to all points (transducer, range) are columns, so
-    that thousands of such files form one table.
+    Return None if the run has no points. Values common to all points (transducer, range) are
+    columns, so that thousands of such files form one table.
 
     Parameters
     ----------

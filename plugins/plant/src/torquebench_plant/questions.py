@@ -39,11 +39,11 @@ class Answer:
     columns : mapping of str to sequence
         Columns of one length; a name ends with its unit.
     facts : mapping of str to value
-        Single values that follow, by their names with units.
+        Single values derived from the columns, by their names with units.
     notes : tuple of str
         Remarks, in sentences.
     simulated : bool
-        Whether any of it comes from a simulated bench.
+        Whether any value comes from a simulated bench.
 
     Examples
     --------
@@ -62,7 +62,7 @@ class Answer:
         return len(next(iter(self.columns.values()), ()))
 
     def shown(self, most: int) -> list[dict[str, Any]]:
-        """Return the rows to be shown where not all fit.
+        """Return the rows to show if not all fit.
 
         These are the last ones of values over time, otherwise the first: of what is due, the most
         urgent.
@@ -590,7 +590,7 @@ def specimens(plant: Plant, wanted: SpecimenFilter) -> Answer:
     Raises
     ------
     InputError
-        Nothing of this was tested.
+        No such specimen was tested.
     """
     rows = _latest(_rows(plant, wanted))
     values = np.array([row.value for row in rows])
@@ -718,12 +718,12 @@ def charts(
     base : int, optional
         Number of first values from which limits are computed; all by default.
     weight, width : float
-        Of the EWMA chart; see `torquebench_plant.statistics.ewma_chart`.
+        Weight and width of the EWMA chart; see `torquebench_plant.statistics.ewma_chart`.
 
     Raises
     ------
     InputError
-        Nothing was tested, or fewer than 3 specimens.
+        Fewer than 3 specimens were tested.
     """
     rows = _latest(_rows(plant, wanted))
     values = [row.value for row in rows]
@@ -763,13 +763,14 @@ def charts(
 def outliers(plant: Plant, wanted: SpecimenFilter, *, level: float = 0.01) -> Answer:
     """Return the outliers of a type: single specimens, and whole benches and batches.
 
-    Specimens by their modified z-score; benches and batches by Welch's test against all others,
-    corrected for the number of groups and without single ones, which would hide them.
+    Specimens are found by their modified z-score; benches and batches by Welch's test against all
+    others, corrected for the number of groups. Outlying specimens are left out of Welch's test,
+    because they would hide outlying groups.
 
     Raises
     ------
     InputError
-        Nothing of this was tested.
+        No such specimen was tested.
     """
     rows = _latest(_rows(plant, wanted))
     values = [row.value for row in rows]
@@ -806,7 +807,8 @@ def outliers(plant: Plant, wanted: SpecimenFilter, *, level: float = 0.01) -> An
 def compare(plant: Plant, serial: str, quantity: str, *, reference: int | None = None) -> Answer:
     """Compare benches by a specimen that travelled between them.
 
-    A bench's value is the mean of its runs; its U holds the U of a run and the scatter of the mean.
+    A bench's value is the mean of its runs; its U combines the U of a run and the scatter of the
+    mean.
 
     Parameters
     ----------
@@ -814,8 +816,8 @@ def compare(plant: Plant, serial: str, quantity: str, *, reference: int | None =
     serial, quantity : str
         The specimen, and key of the value.
     reference : int, optional
-        Number of the bench that the others are held against; by default each is held against the
-        weighted mean of all others.
+        Number of the bench with which the others are compared; by default each bench is compared
+        with the weighted mean of all others.
 
     Raises
     ------

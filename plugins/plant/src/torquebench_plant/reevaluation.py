@@ -57,8 +57,8 @@ class RunTask:
     folder : SealedFolder
         Of the run.
     fitted_to : mapping of str to tuple of str and SealedFolder
-        Of a check or verification: kind and calibration of its models, by the names that the
-        result has them under.
+        For a check or verification: kind and calibration of its models, by their names in the
+        result.
     earlier : mapping of str to float
         Original results, by the names of `Reevaluated.values`.
     """
@@ -98,17 +98,18 @@ class Reevaluated:
 def reevaluate_run(task: RunTask) -> Reevaluated:
     """Fit and evaluate one recorded run with this version.
 
-    A calibration is fitted again with the models that it was begun with; a check or verification is
-    evaluated with its models fitted again; a reducer test is evaluated from its recording. Of a
-    reducer test without a recording, by version 0.1, U and verdicts are computed again from the
-    stored budgets, and `remark` says so. Every file is checked against the manifest first.
+    The original models of a calibration are fitted again; a check or verification is evaluated with
+    its models fitted again; a reducer test is evaluated from its recording. For a reducer test of
+    version 0.1, which has no recording, U and verdicts are computed again from the stored budgets,
+    and `remark` says so. Every file is checked against the manifest first.
 
-    Nothing of it depends on the processor's other work: one thread, no clock, no chance.
+    The result doesn't depend on other processes: it uses one thread, no clock and no random
+    numbers.
 
     Returns
     -------
     Reevaluated
-        With `problem` where the run can't be evaluated; other runs aren't held up.
+        With a `problem` if the run can't be evaluated, so that other runs go on.
     """
     from threadpoolctl import threadpool_limits
 
@@ -117,7 +118,7 @@ def reevaluate_run(task: RunTask) -> Reevaluated:
             values, remark = _evaluated(task)
     except TorquebenchError as error:
         return Reevaluated(task.bench_key, task.run_id, "{}", str(error))
-    except Exception as error:  # whatever one folder contains, the other runs are evaluated
+    except Exception as error:  # a folder with unexpected content mustn't stop the other runs
         return Reevaluated(task.bench_key, task.run_id, "{}", _unexpected(error))
     finite = {name: value for name, value in values.items() if abs(value) < float("inf")}
     text = json.dumps(finite, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
@@ -125,7 +126,7 @@ def reevaluate_run(task: RunTask) -> Reevaluated:
 
 
 def _unexpected(error: Exception) -> str:
-    """Describe content that no version has written: what is wrong, and where it was read."""
+    """Describe unexpected content: the error, and the file and line that raised it."""
     if isinstance(error, KeyError):
         what = Message("a value {key} is missing", str(error.args[0]) if error.args else "?")
     else:
@@ -151,7 +152,7 @@ def _content(store: FolderStore, folder: SealedFolder, name: str) -> Any:
 
 
 def _file(store: FolderStore, folder: SealedFolder, name: str) -> bytes:
-    """Return a file of a sealed folder if it still matches its seal."""
+    """Return a file's content from a sealed folder if its hash is the sealed one."""
     sealed = store.manifest(folder.url, folder.manifest_sha256)
     if name == MANIFEST:
         return sealed
@@ -293,7 +294,7 @@ CHUNK = 8
 AHEAD = 4
 """Waiting chunks per worker: enough to keep it busy with little memory."""
 PATIENCE_S = 30.0
-"""Without an answer for so long, it is looked whether workers are left, s."""
+"""Time without results after which the presence of workers is checked, s."""
 SAME = 1e-9
 """Largest relative difference of a value that is treated as unchanged."""
 PAGE = 1000
@@ -355,9 +356,9 @@ class Reevaluation:
     Parameters
     ----------
     label : str
-        Under which the results are kept.
+        Label under which the results are stored.
     done, known : int
-        Runs that were evaluated or tried now, and that had been evaluated before.
+        Numbers of runs that were evaluated or tried now, and that were evaluated before.
     problems : int
         Number of runs that couldn't be evaluated now.
     """
@@ -391,20 +392,20 @@ def reevaluate(
     Parameters
     ----------
     plant : Plant
-        Opened with a role that may write.
+        Plant, opened with a role that may write.
     scheduler : str, default "processes"
         ``"serial"``, ``"processes"`` (one a processor), or the address of a Dask cluster whose
         workers have this version and reach the folders.
     workers : int, optional
-        How many processes.
+        Number of processes.
     label : str, optional
         Label of the results; the version by default.
     kinds : sequence of str
-        Of ``"calibrate"``, ``"check"``, ``"verify"``, ``"test"``.
+        Kinds among ``"calibrate"``, ``"check"``, ``"verify"``, ``"test"``.
     bench : int, optional
         Only this bench.
     limit : int, optional
-        No more runs than these.
+        Largest number of runs to evaluate.
     progress : Progress
 
     Raises
@@ -412,7 +413,7 @@ def reevaluate(
     InputError
         An unknown kind of run, or a cluster that doesn't answer.
     RecordError
-        No worker is left, or workers have another version; what was evaluated is kept.
+        No worker is left, or workers have another version; finished results are kept.
     """
     unknown = sorted(set(kinds) - set(KINDS))
     if unknown:
@@ -562,12 +563,12 @@ class _Cluster:
         self._client = client
 
     def results(self, tasks: Iterator[list[RunTask]]) -> Iterator[list[Reevaluated]]:
-        """Yield what comes back; last the runs whose worker died, each evaluated alone.
+        """Yield results as they arrive; at the end evaluate the runs of lost workers one by one.
 
         Raises
         ------
         RecordError
-            No worker is left, or the scheduler has gone.
+            No worker is left, or the scheduler doesn't answer.
         """
         suspects: list[tuple[RunTask, str]] = []
         yield from self._together(tasks, suspects)
@@ -581,7 +582,7 @@ class _Cluster:
     def _together(
         self, tasks: Iterator[list[RunTask]], suspects: list[tuple[RunTask, str]]
     ) -> Iterator[list[Reevaluated]]:
-        """Yield what comes back; add the runs whose worker died, and the worker."""
+        """Yield results as they arrive; add runs whose worker was lost, with the worker's name."""
         from distributed import KilledWorker, wait
         from distributed.client import FutureCancelledError
 
@@ -589,7 +590,7 @@ class _Cluster:
 
         def submit(chunks: Iterable[list[RunTask]]) -> None:
             for chunk in chunks:
-                # Not by its content: a run that failed for a temporary reason can be repeated.
+                # pure=False: a run that failed for a temporary reason has to be evaluated again.
                 running[self._client.submit(_evaluate_all, chunk, pure=False)] = chunk
 
         submit(islice(tasks, AHEAD * max(len(self._client.ncores()), 1)))
@@ -666,7 +667,7 @@ def _version() -> str:
 
 
 def differences(plant: Plant, label: str = __version__, against: str | None = None) -> Answer:
-    """Return the changes: every value that differs in this evaluation, is new, or is missing.
+    """Return every value that changed, appeared or disappeared in this evaluation.
 
     Parameters
     ----------
@@ -710,7 +711,7 @@ def differences(plant: Plant, label: str = __version__, against: str | None = No
             if row.remark:
                 remarks[row.remark] += 1
             old, new, differs = row.old or {}, json.loads(row.values), False
-            # Of other runs than tests, not every value was kept when they were measured.
+            # Runs other than tests didn't store every value at the time of measurement.
             added = new if old and row.kind.startswith("test-") else ()
             for what in dict.fromkeys((*added, *old)):
                 before, now = old.get(what), new.get(what)

@@ -108,7 +108,7 @@ runs = Table(
     Column("withdrawn", _Moment),
     *_texts("withdrawn_by withdrawn_reason"),
     UniqueConstraint("bench_key", "run_id", name="uq_plant_runs_run_id"),
-    # Lists are sorted newest first: each of these indexes serves one filter, read backwards.
+    # Lists are sorted newest first: each index serves one filter and is read backwards.
     Index("ix_plant_runs_started", "started"),
     Index("ix_plant_runs_bench", "bench_key", "started"),
     Index("ix_plant_runs_kind", "kind", "started"),
@@ -209,7 +209,7 @@ _OTHERWISE = (chain.name, "runs", "run_ends")
 mirrored = {
     table.name: _mirror(table) for table in metadata.sorted_tables if table.name not in _OTHERWISE
 }
-"""The plant's tables of a bench's rows, by the bench's name of the table."""
+"""The plant's copies of a bench's tables, by the name of the bench's table."""
 
 KEPT = ("links", "results", "folders", "withdrawals", "reevaluations", *mirrored)
 """Tables whose rows can't be changed or removed."""
@@ -225,7 +225,7 @@ BENCH_FUNCTIONS = (
 
 
 def statements() -> list[str]:
-    """Return the statements that make the functions and protect what was written."""
+    """Return the statements that create the functions and protect stored rows from changes."""
     text = resources.files(__package__).joinpath("functions.sql").read_text(encoding="utf-8")
     names = ", ".join(f"'{name}'" for name in mirrored)
     text = text.replace("{mirrored}", f"ARRAY[{names}]")

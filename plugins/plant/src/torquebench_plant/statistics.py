@@ -26,11 +26,11 @@ class Capability:
     count : int
         Values.
     mean, standard_deviation : float
-        Of the values, in their unit.
+        Mean and standard deviation of the values, in their unit.
     lower, upper : float or None
         Limits, in the unit of the values.
     cp : float or None
-        Width between the limits over 6 s; None where there is only one limit.
+        Width between the limits over 6 s; None if there is only one limit.
     cp_interval : tuple of float or None
         Confidence interval of `cp` (χ²).
     cpk : float
@@ -39,7 +39,7 @@ class Capability:
         Confidence interval of `cpk`, from the number of values and from the uncertainty that all
         values share.
     level : float
-        Of the intervals.
+        Confidence level of the intervals.
     measurement_share : float
         Share of the variance that comes from measuring: u² of a value over s².
     """
@@ -68,7 +68,8 @@ def capability(
 ) -> Capability:
     """Return Cp and Cpk of values with their confidence intervals.
 
-    s is the values', which includes the measurement's scatter: the process alone is better.
+    s is the values' standard deviation. It includes the scatter of the measurement, so the
+    capability of the process alone is higher.
 
     Parameters
     ----------
@@ -81,12 +82,12 @@ def capability(
     u_common : float
         Standard uncertainty that all values share, which moves their mean.
     level : float, default 0.95
-        Of the confidence intervals.
+        Level of the confidence intervals.
 
     Raises
     ------
     InputError
-        Too few values, no spread, or limits that aren't.
+        Too few values, values without spread, or no valid limits.
 
     References
     ----------
@@ -116,7 +117,7 @@ def capability(
     mean, s = float(x.mean()), float(x.std(ddof=1))
     if s <= 4.0 * np.finfo(float).eps * max(abs(mean), float(np.abs(x).max())):
         raise InputError("values without any spread", "values that differ", "look at their source")
-    from scipy import stats  # imported late
+    from scipy import stats  # imported only when needed
 
     freedom, tail = x.size - 1, 0.5 * (1.0 - level)
     cp = interval = None
@@ -145,7 +146,7 @@ def capability(
 
 
 def limits_in_words(words: str) -> tuple[float | None, float | None]:
-    """Return the lower and the upper limit that a test's record states in words.
+    """Return the lower and upper limits that the text in a test's record states.
 
     Examples
     --------
@@ -175,7 +176,7 @@ class EwmaChart:
     lower, upper : float64[n]
         Limits of each average.
     outside : tuple of int
-        Averages outside their limits, from 0.
+        Indices of the averages outside their limits, from 0.
     weight, width : float
         Weight of the newest value, and half the width of the limits in standard deviations.
     """
@@ -206,19 +207,19 @@ def ewma_chart(
     values : array of float, shape (n,)
         At least 3.
     weight : float, default 0.2
-        Of the newest value, above 0 and up to 1.
+        Weight of the newest value, above 0 and up to 1.
     width : float, default 2.9
         Half the width of the limits in standard deviations of the average; with a weight of 0.2
         a false alarm comes once in about 500 values.
     centre, sigma : float, optional
         Expected values; by default mean and mean moving range/1.128 of the base values.
     base : int, optional
-        Number of first values from which they are computed; all by default.
+        Number of first values from which `centre` and `sigma` are computed; all by default.
 
     Raises
     ------
     InputError
-        Too few values, or a weight or width that isn't one.
+        Too few values, or a weight or width out of range.
 
     References
     ----------
@@ -270,13 +271,13 @@ class GroupDifference:
     ----------
     group : str
     count : int
-        Values in it.
+        Number of values in the group.
     mean, difference : float
-        Its mean, and that mean less the mean of the others.
+        Mean of the group, and its difference from the mean of the others.
     p_value : float
         Welch's test, times the number of groups (Bonferroni), at most 1.
     outlying : bool
-        Whether it differs by more than chance.
+        Whether the group differs by more than chance.
     """
 
     group: str
@@ -323,12 +324,12 @@ def outlying_groups(
     groups : sequence of str, length n
         Bench or batch of each value.
     level : float, default 0.01
-        Of the test over all groups together.
+        Significance level of the test over all groups together.
 
     Raises
     ------
     InputError
-        Where lengths differ.
+        The numbers of values and groups differ.
 
     Examples
     --------
@@ -372,9 +373,9 @@ class BenchResult:
     ----------
     bench : str
     value, expanded_uncertainty : float
-        Mean of its runs, and U (k = 2), in one unit.
+        Mean of the bench's runs and its U (k = 2), in the same unit.
     runs : int
-        How many.
+        Number of runs.
     """
 
     bench: str
@@ -393,9 +394,9 @@ class ComparedBench:
     reference, reference_expanded_uncertainty : float
         Reference value.
     difference : float
-        Its value less the reference.
+        The bench's value less the reference value.
     en : float
-        Difference over √(U² + U_ref²); 0 for the reference bench itself.
+        Difference over √(U² + U_ref²); 0 for the reference bench.
     """
 
     result: BenchResult
@@ -412,7 +413,7 @@ class ComparedBench:
 
 @dataclass(frozen=True)
 class TravellingComparison:
-    """All benches that had the specimen.
+    """Results of all benches that tested the specimen, compared.
 
     Attributes
     ----------
@@ -435,20 +436,19 @@ def compare_benches(
 ) -> TravellingComparison:
     """Compare benches by their results for one specimen.
 
-    Each is compared with the reference bench, or against the weighted mean of all others, which
-    doesn't depend on it.
+    Each bench is compared with the reference bench, or with the weighted mean of all other benches.
 
     Parameters
     ----------
     results : sequence of BenchResult
-        One a bench, at least two, with U above 0.
+        One result for each bench; at least two, with U above 0.
     reference : str, optional
-        The bench that the others are held against.
+        The bench with which the others are compared.
 
     Raises
     ------
     InputError
-        Fewer than two benches, one twice, a reference that isn't among them, or no uncertainty.
+        Fewer than two benches, a bench given twice, an unknown reference, or a result without U.
 
     References
     ----------

@@ -1,6 +1,6 @@
 """Plant view in a browser: results of all benches, available without any bench.
 
-Pages are plain HTML, generated on the server; they only read.
+Pages are plain HTML, generated on the server, and never change data.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from torquebench_plant import Answer, Plant, SpecimenFilter
 
 STYLE = Path(__file__).with_name("view.css")
 SHOWN = 200
-"""Most rows of a table on a page; the files hold all."""
+"""Largest number of table rows on a page; the files for download contain all rows."""
 PAGES = {
     "overview": "Benches and due dates",
     "runs": "Runs",
@@ -68,7 +68,7 @@ HEADINGS = {
     "upper": "Upper limit",
     "reference": "Reference bench",
 }
-"""Headings of columns whose name doesn't say enough."""
+"""Headings of columns whose names aren't clear enough."""
 _FORMS: Mapping[str, tuple[str, ...]] = {
     "runs": ("bench", "kind", "status", "specimen_type", "serial", "batch", "operator"),
     "transducers": ("serial", "kind"),
@@ -185,7 +185,7 @@ _ON_PAGE: Mapping[str, tuple[str, ...]] = {
 
 
 def create_plant_view(plant: Plant, password: str = "") -> FastAPI:
-    """Return the application; with a password every page asks for it (any name)."""
+    """Return the application; every page requires the password, if there is one (any user name)."""
     app = FastAPI(title="torquebench plant", docs_url=None, redoc_url=None, openapi_url=None)
 
     def refused(request: Request) -> Response | None:
@@ -232,7 +232,7 @@ def serve_plant_view(
     Raises
     ------
     InputError
-        Other machines could read it without a password.
+        Other computers could read the view without a password.
     """
     address.check()
     if not address.local and not password:

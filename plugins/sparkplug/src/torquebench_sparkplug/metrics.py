@@ -235,7 +235,7 @@ def read_bench(bench: ServedBench) -> Readings | None:
         alarms = bench.alarms(active=True)
         current = bench.jobs.current
         last = next((job for job in bench.jobs.recent() if not job.open), None)
-    except (TorquebenchError, OSError):  # the simulator is asked while the bench is reopened
+    except (TorquebenchError, OSError):  # reading the simulator fails while the bench is reopened
         return None
     now = round(time.time() * MS_PER_S)
     node = {

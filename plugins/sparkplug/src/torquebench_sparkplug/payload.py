@@ -44,7 +44,7 @@ class DataType(IntEnum):
 
 
 class Quality(IntEnum):
-    """Whether a value can be used, as the property `Quality` states it."""
+    """Values of the property `Quality`: whether a metric's value can be used."""
 
     BAD = 0
     GOOD = 192
@@ -53,21 +53,21 @@ class Quality(IntEnum):
 
 @dataclass(frozen=True)
 class Metric:
-    """One value.
+    """A metric: one value with name, time and properties.
 
     Parameters
     ----------
     name : str
-        Empty in data, which use the alias.
+        Empty in data messages, which use the alias.
     alias : int or None
     timestamp : int or None
-        When it was measured, ms since 1970, UTC.
+        When the value was measured, ms since 1970, UTC.
     datatype : DataType or None
-        Stated in births only.
+        Type, sent in births only.
     value : bool, int, float, str or None
         None is sent as null.
     historical : bool
-        Whether it was kept while it couldn't be sent.
+        Whether the value was stored while there was no connection.
     properties : mapping of str to value
         Such as ``{"Quality": 192, "engUnit": "N·m"}``.
     """
@@ -91,7 +91,7 @@ class Payload:
     timestamp : int or None
         When it was sent, ms since 1970, UTC.
     seq : int or None
-        Number of the message in its session, 0 to 255; None in a death of the node.
+        Number of the message in its session, 0 to 255; None in the node's death.
     """
 
     metrics: tuple[Metric, ...]
@@ -119,7 +119,7 @@ def _numbered(first: int, *fields: str) -> dict[int, str]:
     return dict(enumerate(fields, first))
 
 
-_MESSAGES: dict[str, tuple[dict[int, str], dict[int, str]]] = {  # fields, and those of the value
+_MESSAGES: dict[str, tuple[dict[int, str], dict[int, str]]] = {  # fields, and fields of the value
     "Payload": (
         _numbered(1, "timestamp uint64", "metrics Metric*", "seq uint64", "uuid string")
         | {5: "body bytes"},
@@ -186,7 +186,7 @@ def encode(payload: Payload, types: Mapping[int, DataType] | None = None) -> byt
     ----------
     payload : Payload
     types : mapping of alias to DataType, optional
-        Types of the metrics that don't state theirs.
+        Types of metrics without a type of their own.
 
     Raises
     ------
@@ -275,13 +275,13 @@ def _put(place: Any, datatype: DataType, value: Value, what: str) -> None:
 
 
 def decode(data: bytes, types: Mapping[int, DataType] | None = None) -> Payload:
-    """Return the payload of bytes; values of kinds that aren't read are None.
+    """Return the decoded payload; values of unsupported kinds are None.
 
     Parameters
     ----------
     data : bytes
     types : mapping of alias to DataType, optional
-        From the birth: distinguishes signed from unsigned numbers of metrics without a type.
+        Types from the birth, which tell signed from unsigned numbers of metrics without a type.
 
     Raises
     ------

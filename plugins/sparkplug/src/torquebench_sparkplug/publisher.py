@@ -1,4 +1,4 @@
-"""The bench at a broker: births, changes, deaths, and the history of unsent data."""
+"""Publishes the bench at a broker: births, changes, deaths, and the history of unsent data."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ Record = tuple[str, tuple[Metric, ...]]
 
 @dataclass(frozen=True)
 class _Sent:
-    """Messages sent before a marker: changes, or history up to a number."""
+    """Messages sent before a marker: changes, or the history up to a record's number."""
 
     marker: int | None
     records: tuple[Record, ...] = ()
@@ -80,14 +80,14 @@ class Publisher:
     folder : path
         The data directory, where history is kept.
     read : callable
-        Reads the bench; None where it can't be read at the moment.
+        Reads the bench; returns None while the bench can't be read.
     note : callable
         Called with a message when a broker is connected or lost, and when a command is refused.
 
     Raises
     ------
     InputError
-        A certificate can't be used.
+        A certificate's file can't be used.
     RecordError
         The buffer's file can't be used.
     """
@@ -132,7 +132,7 @@ class Publisher:
     def of(
         cls, bench: ServedBench, settings: SparkplugSettings, tell: Callable[[str], None]
     ) -> Self:
-        """Return the publisher of an open bench; its messages are in the panel's log, too."""
+        """Return the publisher of an open bench; the panel's log also gets its messages."""
 
         def note(text: str) -> None:
             tell(text)
@@ -161,7 +161,7 @@ class Publisher:
                 self._trouble(
                     Message("the buffer {path} fails: {error}", self._history.path, error)
                 )
-            except Exception as error:  # the bench continues after any error
+            except Exception as error:  # an error here mustn't stop the bench
                 self._trouble(Message("unforeseen {name}: {error}", type(error).__name__, error))
         with contextlib.suppress(sqlite3.Error):
             self._farewell()
@@ -238,7 +238,7 @@ class Publisher:
             )
         self._problem = reason
         self._keep()
-        # random, so that benches that lost one broker don't return at once
+        # random, so that benches that lost the same broker don't reconnect simultaneously
         spread = random.uniform(0.8, 1.2)
         self._attempt_at = time.monotonic() + self._pause_s * spread
         self._pause_s = min(2.0 * self._pause_s, self.settings.reconnect_longest_s)
@@ -375,7 +375,7 @@ class Publisher:
         self._flush()
 
     def _changes(self, readings: Readings, *, kept: bool) -> Iterator[Record]:
-        """Yield the differences from the last published values, and update these."""
+        """Yield values that differ from the last published values, and update the latter."""
         for device, specs in METRICS.items():
             if device != NODE and not (readings.alive and (kept or self._session.alive(device))):
                 continue
@@ -428,7 +428,7 @@ class Publisher:
             return
         records = self._history.oldest(CHUNK)
         records = [*itertools.takewhile(lambda each: self._session.alive(each.device), records)]
-        if not records:  # of a dead device: they wait for its next birth
+        if not records:  # records of a dead device wait for its next birth
             return
         for device, group in itertools.groupby(records, lambda each: each.device):
             metrics = [replace(m, historical=True) for each in group for m in each.metrics]
@@ -438,7 +438,7 @@ class Publisher:
 
 
 def _metric(spec: MetricSpec, reading: Reading, before: Reading | None) -> Metric:
-    """Return a changed value; its quality is stated if it differs from the last one."""
+    """Return a changed value, with its quality if the quality has changed."""
     stated = before is not None and before.quality is reading.quality
     return Metric(
         spec.name,

@@ -47,7 +47,7 @@ class Topics:
 
 @dataclass(frozen=True)
 class Message:
-    """QoS of published messages: at most once, never retained; of a will at least once."""
+    """A message to publish: QoS 0, never retained; a will has QoS 1."""
 
     topic: str
     payload: bytes
@@ -94,7 +94,7 @@ class Session:
         return NODE in self._born
 
     def alive(self, device: str) -> bool:
-        """Whether the birth of a device was sent, and no death since."""
+        """Whether a device's birth was sent, without a death since then."""
         return device in self._born
 
     def death(self, now: int) -> Message:
@@ -125,7 +125,7 @@ class Session:
     def data(self, device: str, metrics: Iterable[Metric], now: int) -> Message:
         """Return changed values; their metrics have names, which are sent as aliases.
 
-        Names missing in the birth are left out: history may be of another version.
+        Names that the birth lacks are left out: another version may have stored the history.
         """
         self._require(device)
         sent = [

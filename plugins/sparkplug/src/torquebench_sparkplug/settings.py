@@ -80,7 +80,7 @@ class Broker:
 
     @property
     def local(self) -> bool:
-        """Whether it is on this machine."""
+        """Whether the broker is on this computer."""
         try:
             return ipaddress.ip_address(self.host).is_loopback
         except ValueError:
@@ -156,7 +156,7 @@ class SparkplugSettings(BaseModel):
         return self.model_copy(update={"password_file": password, "tls": Tls(**named)})
 
     def named(self, bench: str) -> SparkplugSettings:
-        """Return the settings with the bench's name where the edge node has none."""
+        """Return the settings with the bench's name as `edge_node_id` if none is set."""
         if self.edge_node_id is not None:
             return self
         plain = "".join("-" if c in FORBIDDEN or not c.isprintable() else c for c in bench)
@@ -168,7 +168,7 @@ class SparkplugSettings(BaseModel):
         Raises
         ------
         InputError
-            The file can't be read, is empty, or is open to others.
+            The file can't be read, is empty, or is readable by other users.
         """
         path = self.password_file
         if path is None:

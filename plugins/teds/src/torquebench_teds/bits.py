@@ -49,7 +49,7 @@ class BitReader:
 
     @property
     def left(self) -> int:
-        """Number of bits that weren't read."""
+        """Number of bits that haven't been read yet."""
         return self._length - self.position
 
     def take(self, width: int, name: str) -> int:
@@ -58,7 +58,7 @@ class BitReader:
         Raises
         ------
         InputError
-            When the memory ends before.
+            The data sheet ends before the field does.
         """
         if width > self.left:
             raise InputError(
@@ -116,13 +116,13 @@ class Whole:
 
 @dataclass(frozen=True)
 class Enumeration:
-    """One of several words."""
+    """A code that stands for one of several words."""
 
     width: int
     words: tuple[str, ...]
 
     def decode(self, code: int) -> str | int:
-        """Return the word, or the number of one that isn't known."""
+        """Return the word, or the code if it stands for no known word."""
         return self.words[code] if code < len(self.words) else code
 
     def encode(self, value: Any, name: str) -> int:
@@ -171,7 +171,7 @@ class Day:
         return (_FIRST_DAY + timedelta(days=code)).isoformat() if code else None
 
     def encode(self, value: Any, name: str) -> int:
-        """Return the days."""
+        """Return the number of days."""
         if value is None:
             return 0
         last = _FIRST_DAY + timedelta(days=(1 << self.width) - 1)
@@ -188,7 +188,7 @@ class Day:
 
 @dataclass(frozen=True)
 class Single:
-    """A number of IEEE 754 in 32 bits; one that isn't finite isn't known."""
+    """A 32-bit number of IEEE 754; a number that isn't finite means unknown."""
 
     width: int = 32
 
@@ -272,4 +272,4 @@ class Logarithmic:
 
 
 Number = Whole | Enumeration | Letters | Day | Single | Constant | Logarithmic
-"""Every data type of a field."""
+"""Any data type of a field."""

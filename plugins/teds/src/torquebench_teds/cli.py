@@ -74,7 +74,7 @@ ChecksumsOption = Annotated[
 
 
 class Memory(StrEnum):
-    """Usual memories."""
+    """Common types of memory."""
 
     ds2430a = "DS2430A"
     ds2431 = "DS2431"
@@ -87,7 +87,7 @@ def show(
     memory: Annotated[Path, typer.Argument(help="What the memory holds, or a sheet (.json).")],
     checksums: ChecksumsOption = True,
 ) -> None:
-    """Show what a data sheet says."""
+    """Show the values in a data sheet."""
     from torquebench_teds.templates import BASIC, TEMPLATES
 
     sheet = _sheet(memory, checksums)
@@ -109,9 +109,9 @@ def read(
     result: Annotated[Path, typer.Option("--out", help="The sheet to write: NAME.json.")],
     checksums: ChecksumsOption = True,
 ) -> None:
-    """Read a memory into a sheet that can be edited, as JSON.
+    """Read a memory into a data sheet in JSON that can be edited.
 
-    What this version doesn't know is kept bit by bit, and `write` writes it again.
+    Content that this version doesn't know is kept bit by bit, and `write` writes it again.
     """
     from torquebench.atomic_write import atomic_write
     from torquebench.records import json_text
@@ -159,14 +159,14 @@ def write(
 ) -> None:
     """Write a sheet as the content of a memory, with a compensation as its calibration curve.
 
-    What the curve loses of the compensation is stated in N·m and in % of full scale.
+    The curve's deviation from the compensation is stated in N·m and in % of full scale.
     """
     from torquebench.atomic_write import atomic_write
     from torquebench_teds import SIZES, encode, sheet_from_json, write_memory
 
     check_output(result, sheet, *([] if model is None else [model]))
     wanted = sheet_from_json(_json(sheet))
-    encode(wanted)  # a wrong sheet is refused before a model is compiled
+    encode(wanted)  # refuse a wrong sheet before a model is compiled
     fit = None
     if model is not None:
         room = _room(memory, checksums)
@@ -209,7 +209,7 @@ def _json(path: Path) -> Any:
 def _with_curve(
     sheet: Sheet, model: Path, segments: int | None, power: int | None, room: int
 ) -> tuple[Sheet, CurveFit]:
-    """Return a sheet with a curve that a memory with room for so many bytes holds."""
+    """Return a sheet with a calibration curve that fits into a memory of `room` bytes."""
     import dataclasses
 
     from torquebench.compensation import load_model
@@ -259,7 +259,7 @@ def _with_curve(
 
 
 def _room(memory: Memory, checksums: bool) -> int:
-    """Return how many bytes of a sheet a memory holds."""
+    """Return how many bytes of a data sheet fit into a memory."""
     from torquebench_teds import SIZES
     from torquebench_teds.memory import PAGE_BYTES
 

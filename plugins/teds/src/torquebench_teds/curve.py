@@ -1,4 +1,4 @@
-"""A compensation as the sheet's calibration curve, and the error of that curve."""
+"""Fit a data sheet's calibration curve to a compensation, and compute its error."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ LARGEST_POWER = 9
 """Higher powers don't improve coefficients of 32 bits."""
 _SEGMENTS_TRIED = (*range(1, 9), 10, 12, 16, 20, 24, 32, 40, 48, 64)
 _ENOUGH = 0.9
-"""The smallest curve is taken whose residual is below the least one divided by this."""
+"""The smallest curve is chosen whose residual is below the least residual divided by this."""
 _NEGLIGIBLE = 1e-6
-"""Share of full scale below which residuals are equal: no chain is known so well."""
+"""Share of full scale below which residuals count as equal."""
 _READINGS = 2001
 
 
