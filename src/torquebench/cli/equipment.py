@@ -83,12 +83,16 @@ def add_certificate(
     ],
     due: Annotated[
         datetime,
-        typer.Option(parser=moment_in_utc, metavar="DAY", help="Last day of its validity."),
+        typer.Option(
+            parser=moment_in_utc, metavar="DAY", help=("Last day of the certificate's validity.")
+        ),
     ],
-    laboratory: Annotated[str, typer.Option(help="Who has calibrated it.")] = "",
+    laboratory: Annotated[
+        str, typer.Option(help="Laboratory that has calibrated the standard.")
+    ] = "",
     performed: Annotated[
         date | None,
-        typer.Option(parser=day_or_time, metavar="DAY", help="Day of its calibration."),
+        typer.Option(parser=day_or_time, metavar="DAY", help="Day of the standard's calibration."),
     ] = None,
     file: Annotated[
         Path | None, typer.Option(help="The certificate's file; its hash is kept.")
@@ -123,9 +127,15 @@ def add_certificate(
 def fit_part(
     kind: KindArgument,
     serial: SerialArgument,
-    into_kind: Annotated[Kind, typer.Argument(help="What it is fitted into.")],
-    into_serial: Annotated[str, typer.Argument(help="Serial number or name of that equipment.")],
-    role: Annotated[str, typer.Option(help="Its role there, such as output.transducer.")],
+    into_kind: Annotated[
+        Kind, typer.Argument(help="Kind of the equipment that contains the part.")
+    ],
+    into_serial: Annotated[
+        str, typer.Argument(help=("Serial number or name of the equipment that contains the part."))
+    ],
+    role: Annotated[
+        str, typer.Option(help=("Role of the part in this equipment, such as output.transducer."))
+    ],
     by: Annotated[str, typer.Option(help="Who has fitted it.")],
     reason: Annotated[str, typer.Option(help="Why.")] = "",
     data: DataOption = DEFAULT_DATA,
@@ -154,7 +164,8 @@ def adjust(
     by: Annotated[str, typer.Option(help="Who has done it.")],
     reason: Annotated[str, typer.Option(help="Why.")] = "",
     before: Annotated[
-        list[str] | None, typer.Option(help="name=value as it was found; repeatable.")
+        list[str] | None,
+        typer.Option(help=("name=value as found before the adjustment; repeatable.")),
     ] = None,
     after: Annotated[
         list[str] | None, typer.Option(help="name=value as it was left; repeatable.")

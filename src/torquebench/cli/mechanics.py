@@ -83,7 +83,9 @@ def supports(
     torque: Annotated[
         float, typer.Option(min=1e-3, max=1e7, help="About the vertical axis, N·m.")
     ] = 2000.0,
-    height: Annotated[float, typer.Option(min=1e-3, max=100, help="Of both supports, m.")] = 0.5,
+    height: Annotated[
+        float, typer.Option(min=1e-3, max=100, help="Height of both supports, m.")
+    ] = 0.5,
     column: Annotated[
         float, typer.Option(min=1e-3, max=100, help="Side of the column along the arm, m.")
     ] = 0.2,

@@ -113,9 +113,11 @@ ReferenceOption = Annotated[
     str | None,
     typer.Option(
         metavar="U|FILE",
-        help="U (k = 2) of the reference standard, in the place of what a file states: in % as "
-        "`0.02 of torque` or `0.02 of range`, or the file of its certificate: a digital one (XML) "
-        "or a table with torque_nm and expanded_uncertainty_nm.",
+        help=(
+            "U (k = 2) of the reference standard, instead of the one stated in a file: in % "
+            "as `0.02 of torque` or `0.02 of range`, or the file of its certificate: a "
+            "digital one (XML) or a table with torque_nm and expanded_uncertainty_nm."
+        ),
     ),
 ]
 WithoutOption = Annotated[

@@ -410,7 +410,7 @@ def described_module(
     in_use : int or None
         Number of the model in use.
     metadata : mapping
-        Of its run.
+        Metadata of the calibration's run.
     """
     from torquebench.bench.mounting_record import MountingRecord, mounting_facts
 
@@ -583,7 +583,7 @@ def _placed(placement: calibration.Placement) -> Table:
 
 
 def additional_torque(module: CalibratedModule) -> Diagram:
-    """Return standard minus reading at each point, and by each model."""
+    """Draw the additional torque: standard minus reading at each point, and each model's curve."""
     import numpy as np
 
     from torquebench.figures import Curve
@@ -831,7 +831,7 @@ def calibrate_title(request: CalibrateRequest) -> str:
 
 
 def check_resumption(place: Place, request: ResumeRequest) -> Iterable[str]:
-    """Raise an error if the run can't be resumed; return doubts."""
+    """Raise an error if the run can't be resumed; return remarks about doubtful conditions."""
     model_choices(request.models or ())
     run = campaign.find_interrupted(place.registry, request.run_id)
     if not _measured_completely(place.registry, run):

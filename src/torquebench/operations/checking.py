@@ -520,7 +520,7 @@ def _verification_profile(
 
 
 def check_verification(place: Place, request: VerificationRequest) -> Iterable[str]:
-    """Raise an error for unknown models or models of another module; return doubts."""
+    """Raise an error for unknown models or models of another module; return remarks."""
     _verification_profile(place, request, _entries(place, request))
     return tuple(
         campaign.doubts_before(place.station, place.registry, campaign.VERIFICATION_STANDARD)
@@ -528,7 +528,7 @@ def check_verification(place: Place, request: VerificationRequest) -> Iterable[s
 
 
 def preview_verification(place: Place, request: VerificationRequest) -> Preview:
-    """Rehearse a verification with some seed."""
+    """Rehearse a verification; an arbitrary seed draws the points."""
     import numpy as np
 
     station, side = place.station, request.side
@@ -619,7 +619,7 @@ def verified_module(
     Parameters
     ----------
     metadata : mapping
-        Of the run.
+        Metadata of the run.
     chains : mapping of str to MeasuringChain
         Chains by "model-N"; the verdict is that of the first.
     data : CalibrationData

@@ -176,7 +176,7 @@ class FittedModule:
 
     @property
     def verified(self) -> VerificationResult | None:
-        """The verification at the same torques, else that at different torques."""
+        """The verification at the same torques, or else the one at different torques."""
         return self.same or self.others
 
     def errors_nm(self, data: CalibrationData, name: str = "") -> NDArray[np.float64]:

@@ -296,8 +296,8 @@ def _hardware(bench: BenchResult, stream_s: float) -> tuple[Answer, Blocks]:
     return Answer(
         f"{loading}; {stream.lost} of {stream.blocks} blocks of a simulated card lost",
         "partly" if not worst else "met" if kept else "not met",
-        "their FlexRIO card (PXIe-7961) would stream edges or frequency so into a driver plugin, "
-        "or into files; it wasn't tried on one",
+        "their FlexRIO card (PXIe-7961) would stream edges or frequency to a driver plugin, "
+        "or into files, in the same way; torquebench wasn't tried on one",
     ), [table, card, *figures]
 
 

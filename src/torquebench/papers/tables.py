@@ -219,7 +219,7 @@ def measure_tables(
     Raises
     ------
     LimitError, InterlockError, BenchError, SignalFault, RunAbortedError
-        As in every procedure.
+        The measurement fails, as any procedure can.
     """
     options: RunOptions = {"progress": progress, "mounting": mounted}
     # On a simulated bench, the reducer test uses compensated torques.

@@ -63,7 +63,7 @@ def branch_curves(
 
 
 def conclusion(module: ModuleResult) -> str:
-    """Return what the compensation of a module is worth, in one sentence."""
+    """Return a sentence about the benefit of a module's compensation."""
     before, after = (
         number(_reference_errors(result).worst_percent_fs)
         for result in (module.raw, module.recommended)

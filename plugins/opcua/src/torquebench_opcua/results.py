@@ -73,7 +73,7 @@ class ResultRecord:
     file_format : str
         Media type of the file, empty where there is none.
     quantities : tuple of Quantity
-        Of a reducer test.
+        Quantities of a reducer test.
     """
 
     result_id: str
@@ -306,7 +306,7 @@ def ordered(
     Raises
     ------
     InputError
-        When a field isn't known.
+        A field of the filter isn't known.
     """
     matching = [each for each in records if wanted is None or wanted(each)]
     for name in reversed(by):

@@ -181,7 +181,7 @@ def _warn_of_open_rights(plant: Plant) -> None:
 @app.command("register")
 def register_bench(
     name: Annotated[str, typer.Argument(help="Name of the bench.")],
-    place: Annotated[str, typer.Option(help="Where it stands, such as 'Hall 3'.")] = "",
+    place: Annotated[str, typer.Option(help="Location of the bench, such as 'Hall 3'.")] = "",
     replaces: Annotated[
         int | None,
         typer.Option(help="Number of the bench whose registry was rebuilt."),
@@ -668,7 +668,7 @@ def reevaluate(
     workers: Annotated[int | None, typer.Option(min=1, help="How many processes.")] = None,
     kind: Annotated[
         list[str] | None,
-        typer.Option(help="Only runs of calibrate, check, verify or test; repeat it."),
+        typer.Option(help="Only runs of calibrate, check, verify or test; repeatable."),
     ] = None,
     bench: BenchNumber = None,
     label: Annotated[

@@ -76,7 +76,7 @@ class Forwarded:
 
 @dataclass(frozen=True)
 class _Mine:
-    """This bench's identity in the plant, and the lead of its clock over the plant's, s."""
+    """Identity of this bench in the plant, and the lead of its clock over the plant's, s."""
 
     number: int
     name: str

@@ -64,8 +64,8 @@ class Answer:
     def shown(self, most: int) -> list[dict[str, Any]]:
         """Return the rows to show if not all fit.
 
-        These are the last ones of values over time, otherwise the first: of what is due, the most
-        urgent.
+        Of values over time these are the last rows, otherwise the first rows, such as the most
+        urgent due dates.
         """
         return self.rows()[-most:] if self.in_time else self.rows()[:most]
 
@@ -95,7 +95,7 @@ class Answer:
 # -- transducers and standards -------------------------------------------------------------------
 
 TOLERANCE_PERCENT = 0.1
-"""Of the drift of a span, in %."""
+"""Tolerance of a span's drift, in %."""
 LONGEST_DAYS = 365
 """Between calibrations without a last day."""
 Entry = TypeVar("Entry", CalibrationEntry, Zeroing, CheckEntry)
@@ -177,7 +177,7 @@ def due(
     within_days : int, default 30
         Days ahead; overdue and never calibrated transducers are always listed.
     tolerance_percent : float
-        Of the span's drift.
+        Tolerance of the span's drift.
     today : datetime.date, optional
 
     Returns
@@ -322,7 +322,7 @@ def drift(
     Returns
     -------
     Answer
-        One row a value: time, bench, quantity, and the control chart's statement.
+        One row for each value: time, bench, quantity, and the control chart's statement.
 
     Raises
     ------
@@ -390,12 +390,12 @@ def drift_of_kind(plant: Plant, model: str) -> Answer:
     ----------
     plant : Plant
     model : str
-        As the transducers are described, such as ``"T40B"``.
+        Model in the transducers' descriptions, such as ``"T40B"``.
 
     Returns
     -------
     Answer
-        One row a calibration and direction: slope of reading over standard less 1, in %.
+        One row for each calibration and direction: slope of reading over standard minus 1, in %.
 
     Raises
     ------
@@ -531,7 +531,7 @@ class SpecimenFilter:
     since, until : datetime, optional
         With time zone.
     serial : str, optional
-        Of one specimen.
+        Serial number of one specimen.
     """
 
     specimen_type: str
@@ -585,7 +585,7 @@ def specimens(plant: Plant, wanted: SpecimenFilter) -> Answer:
     Returns
     -------
     Answer
-        One row a specimen, the oldest first; of one that was tested again, the latest run.
+        One row for each specimen, the oldest first; the latest run of a specimen counts.
 
     Raises
     ------
@@ -618,8 +618,8 @@ def capability(
 ) -> Answer:
     """Return Cp and Cpk of a type with their intervals, over all and bench by bench.
 
-    The uncertainty of the tests is treated as one that all of them share, which is the worst case
-    for the mean and so for Cpk.
+    The tests' uncertainty is treated as common to all tests, which is the worst case for the mean
+    and therefore for Cpk.
 
     Parameters
     ----------
@@ -629,7 +629,7 @@ def capability(
         Limits in the quantity's unit; by default those of the data sheet that the latest test was
         judged by.
     level : float, default 0.95
-        Of the intervals.
+        Confidence level of the intervals.
 
     Raises
     ------

@@ -55,7 +55,7 @@ class RunTask:
     store : str
         URL of the plant's folders.
     folder : SealedFolder
-        Of the run.
+        Folder of the run.
     fitted_to : mapping of str to tuple of str and SealedFolder
         For a check or verification: kind and calibration of its models, by their names in the
         result.
@@ -85,7 +85,7 @@ class Reevaluated:
     problem : str
         Reason for missing results; otherwise empty.
     remark : str
-        What wasn't evaluated again; otherwise empty.
+        Remark about values that weren't evaluated again; otherwise empty.
     """
 
     bench_key: int

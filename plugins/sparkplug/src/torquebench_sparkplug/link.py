@@ -89,7 +89,7 @@ class Link:
     will : Message
         Published by the broker where this connection ends without a farewell.
     topics : sequence of str
-        What is subscribed to, at least once.
+        Topics to subscribe to, with QoS 1.
     post : callable
         Takes the events, on the connection's thread.
     """

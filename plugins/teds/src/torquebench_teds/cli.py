@@ -62,7 +62,8 @@ ANSWERS |= {
 }
 
 MemoryArgument = Annotated[
-    Path, typer.Argument(help="What the memory holds: binary, or hexadecimal digits as text.")
+    Path,
+    typer.Argument(help=("File with the memory's content: binary, or hexadecimal digits as text.")),
 ]
 ChecksumsOption = Annotated[
     bool,
@@ -84,7 +85,9 @@ class Memory(StrEnum):
 
 @app.command("show")
 def show(
-    memory: Annotated[Path, typer.Argument(help="What the memory holds, or a sheet (.json).")],
+    memory: Annotated[
+        Path, typer.Argument(help=("File with the memory's content, or a sheet (.json)."))
+    ],
     checksums: ChecksumsOption = True,
 ) -> None:
     """Show the values in a data sheet."""
@@ -145,14 +148,18 @@ def write(
         typer.Option(
             min=1,
             max=255,
-            help="Segments of the calibration curve; by default as many as the memory holds and "
-            "bring something.",
+            help=(
+                "Number of segments of the calibration curve; by default as many as fit into "
+                "the memory and reduce the deviation."
+            ),
         ),
     ] = None,
     power: Annotated[
         int | None,
         typer.Option(
-            min=1, max=9, help="Its highest power; by default as many as bring something."
+            min=1,
+            max=9,
+            help=("Highest power of the curve; by default the highest that reduces the deviation."),
         ),
     ] = None,
     checksums: ChecksumsOption = True,

@@ -83,7 +83,7 @@ def write_memory(data: bytes, size: int, *, checksums: bool = True) -> bytes:
     Returns
     -------
     content : bytes
-        Of the memory's size.
+        Content, as long as the memory.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A data sheet as values, and as bits."""
+"""Convert a data sheet between values and bits."""
 
 from __future__ import annotations
 

@@ -48,7 +48,13 @@ def dynamics(
     ] = None,
     motor_inertia: Annotated[
         float | None,
-        typer.Option(min=1e-9, help="Of motor and shaft up to the transducer, kg·m², data sheet."),
+        typer.Option(
+            min=1e-9,
+            help=(
+                "Moment of inertia of motor and shaft up to the transducer, kg·m², by their data "
+                "sheets."
+            ),
+        ),
     ] = None,
     motor_inertia_u: Annotated[
         float,

@@ -95,8 +95,10 @@ def budget(
         float | None, typer.Option(min=0, help="Standard error of the reading, N·m.")
     ] = None,
     speed: Annotated[float | None, typer.Option(help="Speed of the shaft, 1/min.")] = None,
-    acceleration: Annotated[float | None, typer.Option(help="Of the shaft, rad/s².")] = None,
-    angle: Annotated[float | None, typer.Option(help="Of the shaft, °.")] = None,
+    acceleration: Annotated[
+        float | None, typer.Option(help="Acceleration of the shaft, rad/s².")
+    ] = None,
+    angle: Annotated[float | None, typer.Option(help="Angle of the shaft, °.")] = None,
     window: Annotated[
         float | None, typer.Option(min=0, help="Length of the reading's window, s.")
     ] = None,
@@ -128,7 +130,7 @@ def budget(
     zero: Annotated[
         float | None, typer.Option(min=0, help="Standard uncertainty of the zero, N·m.")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the Monte Carlo check.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the Monte Carlo check.")] = 0,
     bench: LimitsOption = None,
 ) -> None:
     """Compute the uncertainty budget of readings by the GUM, checked by Monte Carlo.

@@ -30,7 +30,7 @@ def model_parameters(kind: str, given: list[str] | None) -> dict[str, Any]:
     Parameters
     ----------
     kind : str
-        Of the model.
+        Kind of the model.
     given : list of str or None
         Texts ``NAME=VALUE``.
 

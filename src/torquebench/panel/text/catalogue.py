@@ -19,7 +19,7 @@ JOINTS: Mapping[Language, str] = {"en": "; ", "zh": "；"}
 
 
 class Refusal(Protocol):
-    """An error, or its stored parts."""
+    """An error, or the stored parts of an error."""
 
     @property
     def found(self) -> str:
