@@ -75,7 +75,7 @@ class QueueResult(Result):
         return any(each.failed for each in self.operations)
 
     def page(self) -> Page:
-        """Return its description: a list, then the results."""
+        """Return a page: a table of the operations, followed by their results."""
         rows = [(each.title, each.headline) for each in self.operations]
         sections = [Section("", "", [Table(("operation", "result"), rows, words=True)])]
         for result in self.results:

@@ -54,9 +54,9 @@ def _say_nothing(_text: str) -> None:
 class Store:
     """Certificates of a data directory, in its folder ``opcua``.
 
-    ``certificate.der`` and ``key.pem`` are this server's, made on the first start. Certificates of
-    clients lie in ``trusted``; an untrusted client is refused and its certificate stored in
-    ``rejected``, from where an administrator may move it.
+    ``certificate.der`` and ``key.pem`` belong to this server, which creates them at its first
+    start. Certificates of clients lie in ``trusted``; an untrusted client is refused and its
+    certificate stored in ``rejected``, from where an administrator may move it.
     """
 
     def __init__(self, data_dir: Path) -> None:

@@ -68,7 +68,7 @@ class MetricSpec:
     writable: bool = False
 
     def differs(self, before: Value, now: Value, deadband: Deadband, range_nm: float) -> bool:
-        """Whether a value is another one, beyond its deadband."""
+        """Whether a value differs from an earlier value by more than the deadband."""
         if not self.deadband or not isinstance(before, float) or not isinstance(now, float):
             return before != now
         step = float(getattr(deadband, self.deadband))
