@@ -75,7 +75,7 @@ def test_everything_is_pressed_and_nothing_breaks(panel: Panel, tmp_path: Path) 
     with browser(panel, tmp_path / "admin") as admin, browser(panel, tmp_path / "ana") as ana:
         admin.sign_in("Admin", "/calibrate")
         admin.fill("Step size", "20")
-        admin.press("Mount the calibrator and begin")
+        admin.press("Start calibration")
         admin.sees("Before and after")
         pressed = press_everything(admin, "/settings")
         assert {"Copy under a new name", "Make a token", "Add a person"} <= pressed

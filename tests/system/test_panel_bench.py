@@ -177,10 +177,10 @@ ask();
 
 def test_the_server_answers_while_a_full_test_is_rehearsed(person: Visitor) -> None:
     person.open("/reducer")
-    person.sees("What would happen")
+    person.sees("Dry run")
     person.driver.set_script_timeout(120)
     assert person.driver.execute_async_script(ANSWERED) > 3
-    person.sees("What would happen")
+    person.sees("Dry run")
     assert person.problems() == []
 
 
@@ -241,7 +241,7 @@ def test_pages_load_nothing_from_elsewhere(person: Visitor) -> None:
 def test_a_page_is_printed_without_buttons_and_with_its_charts(person: Visitor) -> None:
     driver = person.driver
     person.open("/calibrate")
-    person.sees("What would happen")
+    person.sees("Dry run")
     driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
     person.size(688, 990)  # of A4 within its margins
     try:
@@ -497,7 +497,7 @@ def test_two_people_one_commands_and_the_other_watches(person: Visitor, stranger
     ben = stranger
     ben.sign_in("Ben", "/calibrate")
     ben.sees("In command: Admin")
-    ben.press("Mount the calibrator and begin")
+    ben.press("Start calibration")
     ben.sees("Admin is in command of the bench")
     person.press("Give up command")
     ben.sees("Nobody is in command")

@@ -73,7 +73,7 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ben.choose("Profile", "own-rapid")
     ben.fill("Step size", "20")
     ben.sees("2000 of 2400 N·m")
-    ben.press("Mount the calibrator and begin")
+    ben.press("Start calibration")
     ben.wait(lambda: ben.driver.current_url.endswith("/calibrations/1"), "the address")
     ben.sees("Before and after")
     assert "fresh points verify a model" in ben.text
@@ -81,7 +81,7 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
 
     ana.sign_in("Ana", "/calibrate")
     ana.sees("In command: Ben")
-    ana.press("Mount the calibrator and begin")
+    ana.press("Start calibration")
     ana.sees("Ben is in command of the bench")
     assert ana.axe() == []  # with the message
     ana.driver.find_element("css selector", ".messages button").click()
@@ -95,7 +95,7 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ben.fill("Groups", "2")
     ben.press("Mounting", within="//main")
     ben.fill("Coaxiality found", "0.012")
-    ben.press("Mount the verification standard and begin")
+    ben.press("Start verification")
     ben.sees("Verify again")
     with Registry.open(ben.panel.folder / "data") as registry:
         verification = next(run for run in registry.runs() if run.kind == "verify-output")
@@ -142,7 +142,7 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ana.fill("Your password", PEOPLE["Ana"][1])
     ana.press("Issue the certificate")
     ana.sees("is already issued")
-    assert ana.button("Fetch").text.endswith((".pdf", ".xml", ".json"))
+    assert ana.button("Download").text.endswith((".pdf", ".xml", ".json"))
 
     ana.open("/calibrations/1?step=models")
     ana.press("Fit one more model")
@@ -241,9 +241,9 @@ def test_a_specimen_is_tested_for_hysteresis_and_compared(
     ben.choose("Reducer", "own-40e")
     ben.fill("Serial", "S-1")
     ben.press("Short test: few points")
-    ben.sees("What would happen")
+    ben.sees("Dry run")
     ben.sees("Duration")
-    ben.press("Mount the reducer and begin")
+    ben.press("Start test")
     ben.sees("Data sheet")
     for quantity in ("backlash", "lost motion", "stiffness"):
         assert quantity in ben.text.lower()
@@ -256,7 +256,7 @@ def test_a_specimen_is_tested_for_hysteresis_and_compared(
     assert report.read_bytes().startswith(b"%PDF")
     ben.sees("Compared with earlier specimens")
     ben.press("Check the bench with a standard reducer")
-    ben.press("Mount the standard reducer and begin")
+    ben.press("Start measurement")
     ben.sees("Mean over rising and falling speed of each repeat")
     ben.sees("repeatability")
     ben.press("Give up command")

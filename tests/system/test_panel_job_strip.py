@@ -51,8 +51,8 @@ def dismiss(person: Visitor) -> None:
 
 def begin(person: Visitor) -> None:
     person.open("/calibrate")
-    person.press("Mount the calibrator and begin")
-    nothing = "Nothing else is under way"  # said of the bench before the job begins
+    person.press("Start calibration")
+    nothing = "Bench is free"  # said of the bench before the job begins
     person.wait(lambda: "under way" in person.text.replace(nothing, ""), "a job under way")
     assert strip(person) == ""  # the page shows the job itself
 
@@ -93,7 +93,7 @@ def test_a_failure_is_told_where_its_page_was_left_and_its_form_begins_with_the_
     person.open("/reducer")
     person.choose("Reducer", "rv-40e")
     person.fill("Serial", "S-77")
-    person.press("Mount the reducer and begin")
+    person.press("Start test")
     person.wait(lambda: "under way" in person.text, "a test under way")
     person.open("/alarms")
     abort(person)

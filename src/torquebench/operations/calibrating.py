@@ -98,7 +98,7 @@ class CalibrateRequest(MountedRequest):
     ] = None
     repeats: Annotated[
         Annotated[int, Field(ge=1, le=50), WHOLE] | None,
-        field("How often every series is loaded."),
+        field("How often every series is loaded.", expert=True),
     ] = None
     up_to_nm: Annotated[
         Number | None,
@@ -110,7 +110,9 @@ class CalibrateRequest(MountedRequest):
             le=1e6,
         ),
     ] = None
-    rising_only: Annotated[Flag, field("Load rising series only, as in the source papers.")] = False
+    rising_only: Annotated[
+        Flag, field("Load rising series only, as in the source papers.", expert=True)
+    ] = False
     models: Models = FIRST_MODELS
     activate: Activate = True
     points: Annotated[

@@ -360,7 +360,7 @@ class Parameter:
             return f"{'>' if self.above else '≥'} {low}"
         if self.low is None:
             return f"≤ {self.high:g}"
-        return f"{'> ' if self.above else ''}{low} to {self.high:g}"
+        return Message("{low} to {high:g}", f"{'> ' if self.above else ''}{low}", self.high)
 
 
 def parameters(model: type[BaseModel]) -> tuple[Parameter, ...]:

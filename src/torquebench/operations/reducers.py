@@ -115,15 +115,22 @@ class ReducerTestRequest(CompensatedRequest):
         field(
             "Largest number of repeats of no-load torque and efficiency, and of the empty run; by "
             "default 12 and 8. Repeating ends when the means are known well enough.",
+            expert=True,
         ),
     ] = None
     loops: Annotated[
         Count | None,
-        field("Torque-angle loops at each output position; by default 3, of a short test 2."),
+        field(
+            "Torque-angle loops at each output position; by default 3, of a short test 2.",
+            expert=True,
+        ),
     ] = None
     positions: Annotated[
         Count | None,
-        field("Output positions of the loops, over one turn; by default 5, of a short test 1."),
+        field(
+            "Output positions of the loops, over one turn; by default 5, of a short test 1.",
+            expert=True,
+        ),
     ] = None
     subtract_twist: Annotated[
         Flag, field("Subtract the bench's own twist from the loops.", expert=True)

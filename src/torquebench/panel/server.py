@@ -15,13 +15,14 @@ from typing import Any
 import uvicorn
 from fastapi import FastAPI
 from nicegui import ui, ui_run_with
+from starlette.responses import HTMLResponse
 from starlette.types import ASGIApp
 
 from torquebench.atomic_write import atomic_write, require_private
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.panel.address import Address
-from torquebench.panel.api import API_PATH, LARGEST_BODY, Guard, create_api
+from torquebench.panel.api import API_PATH, LARGEST_BODY, Guard, create_api, reference_page
 from torquebench.panel.connections import PatientProtocol
 from torquebench.panel.event_loop_bridge import EventLoopBridge
 from torquebench.panel.pages import PAGES, register_pages
@@ -78,7 +79,13 @@ def storage_secret(data_dir: Path) -> str:
 def create_app(service: BenchService, address: Address) -> ASGIApp:
     """Return the application with pages and API around a service."""
     app = FastAPI(title="torquebench", docs_url=None, redoc_url=None, openapi_url=None)
-    app.mount(API_PATH, create_api(service))
+    api = create_api(service)
+    app.mount(API_PATH, api)
+
+    @app.get("/docs")
+    def reference() -> HTMLResponse:
+        return HTMLResponse(reference_page(api.openapi()))
+
     opened = register_pages(service)
     ui_run_with.gc = _NothingToSearch
     ui.run_with(

@@ -306,3 +306,12 @@ def test_a_translation_names_no_value_that_its_message_lacks(language: str) -> N
 def test_key_points_of_a_loop_are_named_in_chinese() -> None:
     for end in ("lower", "upper"):
         assert known(f"stiffness, {end} end")
+
+
+def test_terms_that_pages_take_from_the_core_are_in_chinese() -> None:
+    pages = (Path(torquebench.__file__).parent / "panel").rglob("*.py")
+    terms = {
+        term for page in pages for term in re.findall(r'\.core\(\s*"([^"]+)"', page.read_text())
+    }
+    assert {"Expert", "Verify again"} <= terms
+    assert [term for term in sorted(terms) if term not in templates("zh")] == []

@@ -11,7 +11,7 @@ import pytest
 from torquebench.bench.description import default_bench
 from torquebench.columns import column_of
 from torquebench.operations import OPERATIONS
-from torquebench.panel.api import create_api
+from torquebench.panel.api import create_api, reference_page
 from torquebench.panel.api.describing import EXAMPLES, ROLES
 from torquebench.panel.service import BenchService
 from torquebench.panel.service.settings.store import SettingsStore
@@ -105,3 +105,21 @@ def test_every_example_may_be_sent(described: dict[str, Any], name: str) -> None
     assert schemas[name]["examples"] == [EXAMPLES[name]]
     whole = {"components": {"schemas": schemas}, "$ref": f"#/components/schemas/{name}"}
     jsonschema.Draft202012Validator(whole).validate(EXAMPLES[name])
+
+
+def test_the_reference_page_folds_every_operation_with_its_fields_and_needs_no_network(
+    described: dict[str, Any],
+) -> None:
+    page = reference_page(described)
+    assert not re.search(r"(src|href)=", page)
+    folded = dict(
+        re.findall(r"<details><summary>(.*?)</summary>(.*?)</details>", page, flags=re.DOTALL)
+    )
+    for path, methods in described["paths"].items():
+        for method, operation in methods.items():
+            shown = folded[f"{method.upper()} /api/v1{path}"]
+            for parameter in operation.get("parameters", ()):
+                assert parameter["name"] in shown
+    calibrate = folded["POST /api/v1/operations/calibrate"]
+    assert re.search(r"step_percent.*?0\.1.*?100.*?%.*?Width of the steps", calibrate, re.DOTALL)
+    assert {"JobView", "CalibrateRequest"} <= set(folded)

@@ -18,7 +18,8 @@ from torquebench.bench.prompts import QueuedOperator
 from torquebench.chain import Temperature, load_chain
 from torquebench.compensation import load_model
 from torquebench.errors import BenchError, InputError, RecordError
-from torquebench.operations import EndedError
+from torquebench.operations import OPERATIONS, EndedError, find_operation, parameters
+from torquebench.operations.checking import ZeroRequest
 from torquebench.panel.run_in_process import run_in_process
 from torquebench.panel.service import (
     Actor,
@@ -31,6 +32,7 @@ from torquebench.panel.service import (
     PendingPrompt,
     PermissionDeniedError,
 )
+from torquebench.panel.service.jobs.job import Job
 from torquebench.records import Report
 from torquebench.station import Station
 
@@ -515,3 +517,22 @@ def test_a_computation_aside_returns_reports_refuses_and_ends() -> None:
     assert refused.value.found.template == "{what} found"
     with pytest.raises(EndedError):
         run_in_process(endless, cancelled=lambda: True)
+
+
+def test_the_remaining_time_of_a_stage_follows_from_its_steps() -> None:
+    job = Job(find_operation("zero"), ZeroRequest(), CHIEF)
+    job.start("Zeroing", total=8)
+    time.sleep(0.02)
+    job.reach(1)
+    assert job.view().remaining_s is None
+    job.reach(2)
+    assert job.view().remaining_s >= 3 * 0.02
+    job.reach(8)
+    assert job.view().remaining_s == 0.0
+
+
+def test_a_form_shows_six_fields_at_most_and_folds_the_rest() -> None:
+    for operation in filter(lambda each: each.served, OPERATIONS.values()):
+        asked = parameters(operation.request)
+        shown = [each.name for each in asked if not (each.expert or each.local)]
+        assert len(shown) <= 6, (operation.name, shown)

@@ -32,7 +32,7 @@ ROLES: dict[str, Role] = {
     "change": "metrologist",
     "delete": "metrologist",
     "undo": "metrologist",
-    **{each.key.replace("-", "_"): each.role for each in OPERATIONS.values()},
+    **{each.key.replace("-", "_"): each.role for each in OPERATIONS.values() if each.served},
 }
 """Minimum role of some operations; the others are open to every signed-in caller."""
 WORDS = {

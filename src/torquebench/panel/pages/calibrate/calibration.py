@@ -131,6 +131,8 @@ class _CalibrationPage:
             self._steps = box("ol", "steps", aria_label=self.text("calibrate.steps"))
             self._job = JobPanel(self.visitor)
             self._content = box("div", "stack")
+            with self._content:
+                words("p", self.text("calibrate.reading"), "muted", role="status")
 
     def refresh(self) -> None:
         """Show the jobs of this calibration; read the records again when one has ended."""
@@ -211,8 +213,10 @@ class _CalibrationPage:
             (text("records.performed"), entry.performed),
             (text("records.operator"), entry.measured_by or "—"),
             (text("records.points"), str(entry.points)),
+            (text("sign.run"), module.run_id),
+            ("SHA-256", found.detail.signed_sha256),
         ]
-        with panel(f"{text.core('Calibration')} {self.number}: {side}, {module.range_nm:g} N·m"):
+        with panel(f"{side}, {module.range_nm:g} N·m", "in-two"):
             pairs(facts)
 
     def _navigation(self, found: _Calibration) -> None:
@@ -242,7 +246,7 @@ class _CalibrationPage:
 def _models(page: _CalibrationPage, found: _Calibration) -> None:
     text, module = page.text, found.module
     with panel(text("models.before_after")), box("div", "stack"):
-        show_blocks(text, [errors_of_models(module), *residuals(module)])
+        show_blocks(text, [*residuals(module), errors_of_models(module)])
         with box("details", open_=page.torque_unfolded) as fold:
             # The end of a job rebuilds the page; parts that the reader has opened stay open.
             fold.on(
@@ -338,7 +342,6 @@ def _sign(page: _CalibrationPage, found: _Calibration) -> None:
     entry = found.detail.calibration
     with panel(text("sign.title")), box("div", "stack"):
         words("p", text("sign.explained"))
-        pairs([(text("sign.run"), module.run_id), ("SHA-256", found.detail.signed_sha256)])
         for review in found.detail.reviews:
             kind = "good" if review.accepted else "bad"
             with note(review.remark or text.core("reviewed"), kind, title=review.checked_by):

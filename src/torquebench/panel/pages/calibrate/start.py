@@ -58,9 +58,6 @@ class _Start:
 
     def build(self) -> None:
         with box("div", "stack"):
-            with panel(classes="spread"):
-                words("p", self._text("calibrate.quick_explained"), "muted")
-                operation_buttons(self._visitor)
             self._quick = JobPanel(self._visitor)
             self._job = JobPanel(self._visitor)
             self._content = box("div", "stack")
@@ -232,5 +229,7 @@ def _branch(title: str, points: list[Any], rising: bool) -> Line:
 def calibrate_page(visitor: Visitor) -> None:
     """Build the page that begins a calibration."""
     shown = _Start(visitor)
-    with frame(visitor, "calibrate", shown.refresh):
+    with frame(visitor, "calibrate", shown.refresh) as content:
+        with content.title_line:
+            operation_buttons(visitor)
         shown.build()

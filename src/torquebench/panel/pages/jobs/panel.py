@@ -42,7 +42,9 @@ def stage_words(text: Text, job: JobView) -> str:
     stage = text.core(job.stage)
     if stage and job.total:
         stage = text("job.stage", stage=stage, done=job.done, total=job.total)
-    said = (part for part in (stage, text.core(job.detail)) if part)
+    left = job.remaining_s
+    remaining = "" if left is None else text("job.remaining", time=duration_words(left))
+    said = (part for part in (stage, text.core(job.detail), remaining) if part)
     return " · ".join(said) if job.open else ""
 
 

@@ -32,6 +32,7 @@ class TokensView(View):
         self._list = box("div")
         with panel(text("tokens.add")), box("div", "stack"):
             words("p", text("tokens.explained"), "muted")
+            words("a", text("tokens.reference"), href="/docs", target="_blank")
             self._name = Field(
                 text("tokens.name"), hint=text("tokens.name_hint"), maxlength="64",
                 autocomplete="off",

@@ -29,6 +29,8 @@ __all__ = [
 ]
 
 MOST_POINTS = 20_000
+LEAST_STEPS = 2
+"""Steps of a stage by which its remaining time is estimated."""
 JSON = PlainSerializer(lambda result: None if result is None else result.plain())
 """Serialiser of results of any type; `api.describing` adds their schemas."""
 
@@ -126,6 +128,8 @@ class JobView:
     done, total : int, int or None
         Finished and total steps of the stage; None if unknown.
     detail : str
+    remaining_s : float or None
+        How long the stage still takes, s, by the mean time of its steps; None until two are done.
     stages : tuple of JobStage
         The finished stages.
     points : int
@@ -151,6 +155,7 @@ class JobView:
     done: int = 0
     total: int | None = None
     detail: str = ""
+    remaining_s: float | None = None
     stages: tuple[JobStage, ...] = ()
     points: int = 0
     finished: datetime | None = None
@@ -243,13 +248,25 @@ class Job:
             can_finish=operation.can_finish,
         )
         self._lock = threading.RLock()
-        self._stage_since = 0.0
+        self._stage_since = self._reached_at = 0.0
 
     def view(self) -> JobView:
         """Return the present state of the job."""
         with self._lock:
             may_finish = self._state.can_finish and not self.finishing.is_set()
-            return replace(self._state, points=len(self.points), can_finish=may_finish)
+            return replace(
+                self._state,
+                points=len(self.points),
+                can_finish=may_finish,
+                remaining_s=self._remaining_s(),
+            )
+
+    def _remaining_s(self) -> float | None:
+        """Return how long the stage still takes by the mean time of its steps."""
+        done, total = self._state.done, self._state.total
+        if total is None or done < LEAST_STEPS or self._state.state != "running":
+            return None
+        return (total - done) * (self._reached_at - self._stage_since) / done
 
     def _set(self, **changes: Any) -> None:
         with self._lock:
@@ -266,6 +283,7 @@ class Job:
 
     def reach(self, done: int, detail: str = "") -> None:
         """Report the number of finished steps and the present one."""
+        self._reached_at = time.monotonic()
         self._set(done=done, detail=detail)
 
     def finish(self, detail: str = "") -> None:
