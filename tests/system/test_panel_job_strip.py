@@ -52,8 +52,7 @@ def dismiss(person: Visitor) -> None:
 def begin(person: Visitor) -> None:
     person.open("/calibrate")
     person.press("Start calibration")
-    nothing = "Bench is free"  # said of the bench before the job begins
-    person.wait(lambda: "under way" in person.text.replace(nothing, ""), "a job under way")
+    person.sees("under way")
     assert strip(person) == ""  # the page shows the job itself
 
 
