@@ -38,7 +38,7 @@ DEFAULT = "default of fit"
 
 @dataclass(frozen=True)
 class Contender:
-    """One way to compensate.
+    """One method of compensation.
 
     Attributes
     ----------

@@ -315,7 +315,7 @@ def report(
         off = misses(name, group)
         aims = (each for each in AIMS["reducers"].items() if each[0].startswith(name.split(",")[0]))
         title, wanted = next(aims, (", ", Aim()))
-        # What chance alone does to the coverage over this many specimens.
+        # Random variation of the coverage over this many specimens.
         slack = 2.0 * np.sqrt(0.95 * 0.05 / specimens)
         met = share >= 0.95 - slack and wanted.met(float(np.quantile(off, 0.95)))
         all_met &= met

@@ -177,7 +177,7 @@ def require_private(path: Path) -> None:
     Raises
     ------
     InputError
-        If others may read it; with the command that prevents this.
+        Others may read the file; the message states the command that prevents this.
     """
     if path.stat().st_mode & 0o077:
         raise InputError(

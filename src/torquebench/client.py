@@ -237,7 +237,7 @@ class Client(_Requests):
         Raises
         ------
         RefusedError
-            With found, allowed and remedy from the server.
+            The server refuses the request; the error has the server's found, allowed and remedy.
         """
         return _content(self.http.request(method, path, params=query, json=body))
 

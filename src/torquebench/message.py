@@ -56,7 +56,7 @@ class Message(str):
 
     @classmethod
     def joined(cls, parts: Iterable[str], joint: str = ", ") -> Message:
-        """Join messages; the joint is the template, and the parts are its numbered values.
+        """Join messages to one, with the joint as template and the parts as numbered values.
 
         Examples
         --------

@@ -288,7 +288,7 @@ def _constraints(field: FieldInfo) -> tuple[Any, list[Any], str]:
 
 
 def _unit(field: FieldInfo) -> str:
-    """Return the unit of a field, which stands beside its description or replaces it."""
+    """Return the unit of a field; without a separate unit, its description is the unit."""
     extra = field.json_schema_extra
     if isinstance(extra, dict) and "unit" in extra:
         return str(extra["unit"])
@@ -306,7 +306,7 @@ def refuse_future(performed: date) -> None:
     Raises
     ------
     InputError
-        If it is in the future; with the present time.
+        The day or time is in the future; the message states the present time.
 
     Examples
     --------
@@ -343,7 +343,7 @@ def past_moment(performed: date) -> datetime:
     Raises
     ------
     InputError
-        It is in the future.
+        The time is in the future.
 
     Examples
     --------

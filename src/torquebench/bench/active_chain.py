@@ -161,9 +161,9 @@ class ActiveChain:
         self._fine = None
 
     def window(self, start_s: float, stop_s: float) -> tuple[FloatArray, Torque] | None:
-        """Return centres, s, and torques of windows with centres in [start, stop), or None.
+        """Return centres, s, and torques of windows with centres in [start, stop).
 
-        None where there are none.
+        None if no window has its centre there.
         """
         return self._recent.window(start_s, stop_s)
 

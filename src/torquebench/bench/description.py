@@ -731,7 +731,8 @@ def parse_bench(text: str, source: str = "bench.toml") -> BenchDescription:
     Raises
     ------
     InputError
-        With file, key, value, what is allowed and what to do.
+        The description is invalid; the message states file, key, value, what is allowed and what to
+        do.
 
     Examples
     --------

@@ -358,7 +358,7 @@ def check_unloaded(state: BenchState, side: Side, purpose: str) -> None:
     Raises
     ------
     InterlockError
-        It is loaded, commanded or turning.
+        The module is loaded, commanded or turning.
     SignalFault
         Its torque is unknown.
     """

@@ -44,7 +44,7 @@ class SetPoint:
 
 @dataclass(frozen=True)
 class Turned:
-    """Angle by which a drive has turned by its speed commands, if it follows their ramps.
+    """Angle by which a drive has turned, calculated from its speed commands and their ramps.
 
     Parameters
     ----------

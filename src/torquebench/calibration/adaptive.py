@@ -84,7 +84,7 @@ class Proposed:
     now_percent : float
         Largest expanded uncertainty (k = 2) of the model fitted so far, in % of full scale.
     predicted_percent : float
-        The same, predicted for these points.
+        Uncertainty that was predicted for the model with these points.
     """
 
     nominal_nm: NDArray[np.float64]
@@ -105,7 +105,7 @@ class Placement:
     Parameters
     ----------
     rounds : tuple of AdaptiveRound
-        In order; the first one follows the coarse series.
+        Rounds in order of measurement; the first one follows the coarse series.
     reason : {"target", "budget"}
         The target uncertainty was reached, or the points were used up.
     target_percent : float or None

@@ -175,7 +175,7 @@ def examine(data: CalibrationData) -> Examination:
     Parameters
     ----------
     data : CalibrationData
-        In measuring order, the zero of each series subtracted; see `tare`.
+        Points in measuring order, with the zero of each series subtracted; see `tare`.
 
     Examples
     --------

@@ -227,7 +227,7 @@ class CalibrationData:
         return np.asarray(first[number.reshape(-1)])
 
     def zeroed_each_series(self) -> Self:
-        """Return the points with temperatures for zeros that were taken just before each series."""
+        """Return the points with zero temperatures: for each series that of its first point."""
         if self.temperature_c is None:
             return self
         return replace(self, zero_temperature_c=self.temperature_c[self.first_of_series])
@@ -267,7 +267,7 @@ class CalibrationData:
             Temperature of the transducer when the zero was taken; replaces that of the table.
         zeroed_each_series : bool
             Whether a table without that temperature was zeroed at the first point of each series.
-            Otherwise its zero is that of the calibration.
+            Otherwise it has the zero temperature of the calibration.
         """
         begin = self.first_of_series
         age, zeroed, warm = self.time_s, self.zero_temperature_c, self.temperature_c

@@ -53,7 +53,7 @@ class ReferenceStandard:
     Parameters
     ----------
     serial, certificate_number : str
-        Of the standard and of its certificate.
+        Serial number of the standard, and number of its certificate.
     due : datetime.date or None
         Last day on which its certificate is valid; None if not stated.
     """
@@ -100,7 +100,7 @@ class Deviation:
         Key path of the profile's setting that is broken, such as
         ``"loading.step_tolerance_percent"``.
     found, allowed : str
-        With value and unit.
+        Deviating and allowed value, with unit.
     consequence : {"refuse", "state"}
         Whether a certificate is refused or states the deviation.
     """
@@ -192,7 +192,7 @@ def refuse_deviations(deviations: tuple[Deviation, ...]) -> None:
     Raises
     ------
     RecordError
-        With every refused deviation and its clause.
+        A deviation is refused; the message states each of them with its clause.
     """
     refused = [deviation for deviation in deviations if deviation.consequence == "refuse"]
     if refused:
@@ -212,7 +212,7 @@ def check_steps(profile: Profile) -> None:
     Raises
     ------
     InputError
-        With the packaged profiles of steps, and the use of random torques.
+        The profile has random torques; the message names the packaged profiles of steps.
     """
     if profile.loading.pattern != "random":
         return

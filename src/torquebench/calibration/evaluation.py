@@ -73,7 +73,7 @@ class Interpolation:
     degree : int
         1, 2 or 3.
     coefficients : array of float, shape (degree,)
-        Of M, M², M³, in the unit of the indication per (N·m)ᵏ.
+        Coefficients of M, M², M³, in the unit of the indication per (N·m)ᵏ.
     deviation_percent : array of float, shape (m,)
         f_a = (X̄ − X_a)/X_a at the steps, in %.
     largest_nm : float
@@ -246,8 +246,8 @@ class StaticEvaluation:
         Returns
         -------
         dict of str to array, shape (m,)
-            By name; a quantity that wasn't measured is left out. The resolution enters twice: at
-            the indication and at the zero.
+            Quantities by name; a quantity that wasn't measured is left out. The resolution enters
+            twice: at the indication and at the zero.
 
         Raises
         ------
@@ -458,7 +458,7 @@ def _check(
     if torque.size < 2 or not np.all(np.diff(torque, prepend=0.0) > 0):
         raise InputError(
             Message("steps {torque} N·m", torque.tolist()),
-            "at least two steps above 0 that rise",
+            "at least two rising steps above 0",
             "sort them",
         )
     if not series:
@@ -612,7 +612,7 @@ def classify(
     Raises
     ------
     InputError
-        If a quantity that a class needs wasn't measured.
+        A quantity that a class needs wasn't measured.
     """
     starts: dict[float, float | None] = {}
     for accuracy_class in CLASSES:

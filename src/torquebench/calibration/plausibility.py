@@ -44,13 +44,13 @@ class Plausibility(BaseModel):
     repeat_percent
         Standard deviation of repeated steps over the series.
     zero_percent
-        Reading and standard without load.
+        Reading of the transducer and of the standard without load.
     span_percent
         Error of the reading's span, in % of the span; more where the largest torque is small.
     direction_percent
         Difference of the spans of both directions, in % of the span.
     change_percent
-        Difference to the model in use.
+        Difference from the model in use.
 
     Examples
     --------
@@ -87,7 +87,7 @@ class Contradiction:
     clause : str
         Key path of the profile's limit; empty where the points contradict each other.
     found, allowed : str
-        With values and units.
+        Found and allowed value, with units.
     cause : str
         The most probable cause by the points; possible causes of an exceeded limit.
     """
@@ -191,7 +191,7 @@ def find_contradictions(
     torque_nm : array of float, shape (n,), optional
         Compensated torque of each reading by the fitted model.
     before_nm : array of float, shape (n,), optional
-        The same by the previous model; NaN outside its range.
+        Torque by the previous model; NaN outside its range.
 
     Returns
     -------

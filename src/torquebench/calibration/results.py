@@ -155,7 +155,8 @@ def calibration_results(
     Parameters
     ----------
     data : CalibrationData
-        In measuring order; without nominal torques it is evaluated by its own steps.
+        Points in measuring order; without nominal torques, steps are derived from the standard's
+        values.
     resolution_nm : float
         Resolution of the indication, in N·m.
     reference : CertifiedUncertainty

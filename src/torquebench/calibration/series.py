@@ -281,7 +281,7 @@ def loading_series(data: CalibrationData, direction: int) -> Loading | None:
     Parameters
     ----------
     data : CalibrationData
-        In steps: with nominal torques, or those of `own_steps`.
+        Points with nominal torques, stated or from `own_steps`.
     direction : {+1, -1}
         +1 clockwise, -1 counter-clockwise.
     """

@@ -54,7 +54,7 @@ def used_chain(
     ----------
     entry : ModelEntry
     metadata : mapping
-        Of the run: the bench's description at the time.
+        Metadata of the run: the bench's description at the time.
     data : CalibrationData
         Points of the run.
 
@@ -90,7 +90,7 @@ def referenced(
     metadata : mapping
         Of the run: the bench's description at the time, or the standard of an external calibration.
     serial : str
-        Of the standard that was mounted; the calibrator's by default.
+        Serial number of the mounted standard; the calibrator's by default.
     """
     if "bench" not in metadata:
         standard = metadata.get("standard")
@@ -108,7 +108,7 @@ def check_standard(metadata: Mapping[str, Any], data: CalibrationData) -> Refere
     Parameters
     ----------
     metadata : mapping
-        Of the run: the bench's description at the time.
+        Metadata of the run: the bench's description at the time.
     data : CalibrationData
         Points of the run.
     """

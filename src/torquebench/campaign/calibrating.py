@@ -103,7 +103,7 @@ def measure_calibration(
     Raises
     ------
     LimitError, InterlockError
-        Before anything moves.
+        The run is refused before anything moves.
     RunAbortedError
         Somebody ended the run.
     SignalFault, BenchError

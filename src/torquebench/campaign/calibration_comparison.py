@@ -67,7 +67,7 @@ class ComparedCalibration:
 
 @dataclass(frozen=True)
 class CalibrationStep:
-    """Both calibrations at one reading.
+    """Comparison of both calibrations at one reading.
 
     Parameters
     ----------
@@ -180,7 +180,8 @@ def compare_calibrations(registry: Registry, first: int, second: int) -> Calibra
     Raises
     ------
     InputError
-        They are one, of different transducers, without a model, or share no range.
+        The calibrations are the same one, belong to different transducers, lack a model, or share
+        no range.
     RecordError
         There is no such calibration, or a model file was changed.
     """

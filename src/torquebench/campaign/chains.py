@@ -45,7 +45,7 @@ def reference_effect(
     certified : CertifiedUncertainty or None
         U (k = 2) over the torque that a person states instead.
     source : str
-        Of the table, for messages.
+        Name of the table in messages.
     remark : callable
         Called with a sentence if the table states another standard.
     """
@@ -97,7 +97,7 @@ def stated_effects(
     reference : CertifiedUncertainty, optional
         U (k = 2) of the standard over the torque.
     span_percent_per_10k, zero_percent_per_10k, drift_percent_per_year
-        As on the command line; None keeps the chain's.
+        Values of the command's options of these names; None keeps the chain's.
     zero_nm : float, optional
         Standard uncertainty of the zero, N·m.
     """

@@ -49,8 +49,8 @@ class JudgedPoints:
     Attributes
     ----------
     torque : Torque
-        Compensated, or the reading where no model is in use. Its U contains the standard, as the
-        decisions concern the difference from it.
+        Compensated torque, or the reading where no model is in use. Its U contains the standard, as
+        the decisions concern the difference from it.
     decisions : tuple of Decision
         One decision for each point, with the guard band w = U.
     missing : tuple of str

@@ -222,7 +222,7 @@ class _OnBench:
         Raises
         ------
         InputError
-            They don't identify the vibration or the delay.
+            The tables don't identify the vibration or the delay.
         """
         steps, sines = list[NDArray[np.float64]](), list[Sine]()
         hashes, remarks, interval_s = {}, dict[str, str](), 0.0

@@ -122,7 +122,7 @@ def register_table(
     Raises
     ------
     InputError
-        If a name is missing, or these points are already registered.
+        A name is missing, or these points are already registered.
     """
     check_circumstances(circumstances)
     called = called or table.name

@@ -53,7 +53,7 @@ def find_unfinished(registry: Registry, name: str) -> UnfinishedRun:
     Raises
     ------
     InputError
-        There is none, or more than one.
+        No unfinished run, or more than one, has this name.
     """
     every = unfinished_runs(registry)
     own = [run for run in every if run.state is not RunState.COPY]
@@ -88,7 +88,7 @@ def finish_run(
     Raises
     ------
     InputError
-        It is an interrupted calibration, which must be resumed on its bench.
+        The run is an interrupted calibration, which must be resumed on its bench.
     RecordError
         Its folder was changed, or the registry can't take it.
     """
@@ -133,9 +133,9 @@ def discard_run(
     Raises
     ------
     InputError
-        Nobody or no reason is named.
+        The name or the reason is missing.
     RecordError
-        The registry can't take it.
+        The registry can't record the run.
     """
     if not by.strip() or not reason.strip():
         raise InputError(

@@ -112,7 +112,7 @@ class ModelChoice:
     Parameters
     ----------
     name : str
-        As `make_model` takes it; also the name in results ("polynomial-2").
+        Name of the kind for `make_model` and in results ("polynomial-2").
     parameters : mapping
         Parameters except the range, which comes from the data.
     rising_only : bool
@@ -232,7 +232,7 @@ def fit_models(
     effects : tuple of Effect
         Other effects of the measuring chain; that of its mounting follows from the points.
     limits : Plausibility, optional
-        Of the profile that was followed.
+        Plausibility limits of the calibration profile.
     before : ModelInUse, optional
         See `model_in_use`.
 
@@ -340,7 +340,7 @@ def _kept(data: CalibrationData, examination: Examination, outliers: str) -> Cal
     Raises
     ------
     InputError
-        If there is a wrong row and outliers are refused.
+        There is a wrong row and outliers are refused.
     """
     wrong = [] if examination.disagreements else examination.wrong_rows
     if not wrong or outliers == "keep":

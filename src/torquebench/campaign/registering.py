@@ -85,7 +85,7 @@ class RegisteredCalibration:
     ----------
     calibration : CalibrationEntry
     models : mapping of str to ModelEntry
-        By the name of the choice.
+        Entries of the models by the names of their choices.
     """
 
     calibration: CalibrationEntry
@@ -259,7 +259,7 @@ def run_data(folder: RunFolder) -> CalibrationData:
     Raises
     ------
     RecordError
-        Where the run has none.
+        The run's folder has no calibration data.
     """
     results = folder.results
     if not isinstance(results, Mapping) or not isinstance(results.get("data"), Mapping):

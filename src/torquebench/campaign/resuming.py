@@ -55,7 +55,7 @@ class InterruptedCalibration:
     known : dict
         The start document: range, serials, counter, standard.
     metadata : dict
-        Of the interrupted run: bench description, models, mounting.
+        Metadata of the interrupted run: bench description, models, mounting.
     steps : tuple of Step
         Steps of the whole calibration, or of the coarse series of an adaptive one.
     points : tuple of (Step, Row)
@@ -176,7 +176,7 @@ def find_interrupted(registry: Registry, name: str) -> RunSummary:
     Raises
     ------
     InputError
-        There is none, or more than one.
+        No run, or more than one, has this name.
     """
     if name == "latest":
         newest = latest_unfinished_calibration(registry)

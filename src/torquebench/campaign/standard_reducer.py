@@ -95,7 +95,8 @@ def certified_reducer(
     Raises
     ------
     InputError
-        There is none, it has no certified friction, or its ratio isn't that of the bench.
+        No standard reducer is described, it has no certified friction, or its ratio isn't that of
+        the bench.
     """
     if kind is None:
         if not description.simulated:
@@ -137,7 +138,7 @@ def within_certificate(
     Raises
     ------
     InputError
-        It covers none of them.
+        The certificate covers none of the speeds.
     """
     speeds = [point.speed_rpm for point in certified]
     high = min(speeds[-1], max_speed_rpm) if speeds else 0.0

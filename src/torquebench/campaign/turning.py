@@ -99,7 +99,7 @@ def joined_tables(
     Parameters
     ----------
     tables : mapping of str to CalibrationData
-        By their names, for messages. One without a speed was measured at standstill.
+        Tables by their names in messages. One without a speed was measured at standstill.
     remark : callable
         Called with a sentence if the tables' standards differ.
 

@@ -125,7 +125,7 @@ def measure_turning(
     Raises
     ------
     LimitError, InterlockError
-        Before anything moves.
+        The run is refused before anything moves.
     RunAbortedError
         Somebody ended the run; complete series are in the file.
     """

@@ -34,7 +34,7 @@ class AccelerationBySpeed:
     noise_rpm : float
         Standard deviation of a sample.
     step_s : float
-        From one sample to the next.
+        Time from one sample to the next, s.
 
     Examples
     --------

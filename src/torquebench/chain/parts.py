@@ -25,9 +25,9 @@ the wrong sign where the torque is nearly 0.
 class TorqueParts:
     """Standard uncertainties of torques by group, N·m: the squares add up to the chain's.
 
-    The group of a component follows from what shares its error, and from its signs, so that a new
-    effect needs no entry here. A record should be split as a whole: signs show how an error acts
-    only if it contains torques of both directions.
+    A component's group is derived from the readings that share its error and from its signs, so
+    that new effects needn't be listed here. A record should be split as a whole: signs show how an
+    error acts only if it contains torques of both directions.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class TorqueParts:
         )
 
     def at(self, rows: slice | NDArray[np.generic]) -> Self:
-        """Return the parts of some of the torques."""
+        """Return the parts of selected torques."""
         return type(self)(*(getattr(self, each.name)[rows] for each in fields(self)))
 
     @property

@@ -50,7 +50,7 @@ class Readings:
     acceleration_uncertainty_rad_s2 : float64[n], float or None
         Standard uncertainty of an acceleration that was derived from the speed.
     angle_rad : float64[n], float or None
-        Of the shaft in the middle of the window, from a mark on it.
+        Angle of the shaft in the middle of the window, measured from a mark on the shaft.
     window_s : float or None
         Length of the windows.
     temperature_c : float64[n], float or None

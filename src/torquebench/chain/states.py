@@ -33,7 +33,7 @@ class EffectState:
     name : str
         Name in budgets.
     record : str
-        Source of its values.
+        Record from which the effect's values come.
     contribution_nm : float or None
         Correction of the torque, N·m; None without a correction, or if it has no number.
     uncertainty_nm : float or None

@@ -54,7 +54,7 @@ class Component(NamedTuple):
     name : str
         Name of the source in budgets.
     shared : Shared
-        What readings must have in common to share the error.
+        Scope of the common error: what readings must have in common to share it.
     uncertainty_nm : float64[n] or float
         Standard uncertainty, N·m, with the sign of the error's direction: if the signs of two
         readings differ, a shared error has opposite directions.
@@ -348,7 +348,7 @@ def joined(parts: Sequence[Torque]) -> Torque:
     Parameters
     ----------
     parts : sequence of Torque
-        At least one, all with the same components.
+        Torques to join: at least one, all with the same components.
     """
     first = parts[0]
 

@@ -176,7 +176,8 @@ class CompensationModel(Estimator, ABC):
         y : array of shape (n,)
             Torque of the standard in N·m.
         progress : Progress, optional
-            Told how far the fit is, in steps of `SHARES`, by fits that take long.
+            Receiver of the share of the fit that is done, in steps of `SHARES`; only long fits
+            report it.
 
         Returns
         -------
@@ -363,8 +364,8 @@ class CompensationModel(Estimator, ABC):
     def scatter_at(self, torque_nm: FloatArray) -> FloatArray:
         """Return the standard deviation of single readings at torques in N·m, shape (n,).
 
-        It is the noise about the true torque. Points scatter more about a curve that can't follow
-        the chain, but that deviation is part of the curve's uncertainty.
+        The scatter is the noise about the true torque. Points scatter more about a curve that can't
+        follow the chain, but that deviation is part of the curve's uncertainty.
         """
         if self.uncertainty_ is None:
             return np.full(torque_nm.shape, self.noise_nm_)

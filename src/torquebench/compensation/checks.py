@@ -251,7 +251,7 @@ def find_outliers(points: CalibrationPoints) -> tuple[list[int], list[Outlier]]:
     positions : list of int
         Positions in `points`.
     outlying : list of Outlier
-        The same points, named.
+        The outlying points with their rows and deviations.
     """
     found: dict[int, Outlier] = {}
     least = _OUTLIER_SHARE_OF_LARGEST * float(np.max(np.abs(points.y)))

@@ -79,7 +79,7 @@ def _with_branch(X: FloatArray) -> FloatArray:
 def discrepancy_of(
     model: CompensationModel, posterior: CompensationModel, X: ArrayLike
 ) -> CurveUncertainty:
-    """Return the uncertainty of a fitted curve, by a posterior of the same points X."""
+    """Return a fitted curve's uncertainty from its difference to a posterior of the same points."""
     X = np.asarray(X, dtype=np.float64)
     scale, width = model.full_scale_nm_, X.shape[1]
     low, high = model.reading_low_nm_, model.reading_high_nm_

@@ -66,7 +66,7 @@ def model_from_state(state: dict[str, Any]) -> CompensationModel:
     Returns
     -------
     model : CompensationModel
-        Of the kind that the state names.
+        Model of the kind that the state names.
 
     Raises
     ------

@@ -189,8 +189,8 @@ class HysteresisOperator:
     ) -> HysteresisOperator:
         """Fit the play operators so that their loop along the calibration's path is the model's.
 
-        The widths are the generic ones; their weights follow from the distance of the model's two
-        branches over the range (non-negative least squares).
+        The operators have the generic widths; their weights are fitted to the distance of the
+        model's two branches over the range (non-negative least squares).
 
         Parameters
         ----------

@@ -84,7 +84,7 @@ def check_kind(name: str) -> str:
     Raises
     ------
     InputError
-        When there is none.
+        No kind has this name.
     """
     parsed_kind(name)
     return name

@@ -196,7 +196,7 @@ def jacobian(
     x : float64 array of shape (n,)
         Scaled inputs.
     hidden : float64 array of shape (n, hidden), optional
-        From `hidden_values`, where already known.
+        Result of `hidden_values`, if already calculated.
 
     Returns
     -------
@@ -225,7 +225,7 @@ def tangent_kernels(parameters: NetworkParameters, x: FloatArray, hidden: FloatA
     Returns
     -------
     kernels : float64 array of shape (3, n, n)
-        In the order of `GROUPS`.
+        Kernels in the order of `GROUPS`.
     """
     slope = (1.0 - hidden * hidden) * parameters.output_weights
     kernels = np.empty((len(GROUPS), x.size, x.size))
@@ -327,7 +327,7 @@ class NetworkMember:
     Attributes
     ----------
     parameters : NetworkParameters
-        Where the posterior has its maximum.
+        Parameters at the maximum of the posterior.
     precisions : float64 array of shape (3,)
         Prior precision of input weights, hidden biases, output weights.
     noise_variance : float

@@ -142,7 +142,7 @@ def behind_raw(
     Returns
     -------
     sentence : str
-        Empty where the model is better in both the worst and the RMS error.
+        Verdict in words; empty where the model is better in both the worst and the RMS error.
     """
     if left_out.worst_nm <= raw.worst_nm and left_out.rms_nm <= raw.rms_nm:
         return ""
@@ -188,7 +188,7 @@ def worse_than_raw(
     Returns
     -------
     sentence : str
-        Empty where it is better.
+        Verdict in words; empty where the model is better.
     """
     features, torque = _checked(X, y)
     fold_of_point, count = spread_folds(repeat_groups(features[:, 0]), folds)

@@ -55,9 +55,9 @@ class Inertia:
     ----------
     inertia_kgm2, standard_uncertainty_kgm2 : float
     largest_rad_s2 : float
-        Largest acceleration in its identification.
+        Largest acceleration among the points from which the inertia was identified.
     blocks : int
-        Number of means in its identification.
+        Number of block means from which the inertia was identified.
     """
 
     inertia_kgm2: float
@@ -278,7 +278,7 @@ def identify_inertia(
     Raises
     ------
     InputError
-        If the accelerations don't separate the inertia from the other effects.
+        The accelerations don't separate the inertia from the other effects.
     """
     time, reading, speed = (
         np.asarray(each, np.float64) for each in (time_s, reading_nm, speed_rpm)

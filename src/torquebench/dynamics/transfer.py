@@ -39,7 +39,8 @@ class TransferFunction:
     lag_s, delay_s : float
         Lag and delay of the transducer.
     window_s : float
-        Length of the counter's window; 0 if a reading is a sample. It is known, not identified.
+        Length of the counter's window; 0 if a reading is a sample. The window is known, not
+        identified.
     covariance : tuple of 4 tuples of 4 float
         Covariance of `PARAMETERS`; zeros for exact values.
 

@@ -112,7 +112,7 @@ class TwistedSolid:
 
 @dataclass(frozen=True, eq=False)
 class SupportComparison:
-    """Both supports under the same torque.
+    """Comparison of both supports under the same torque.
 
     Attributes
     ----------

@@ -164,7 +164,7 @@ def equal_area_twist_ratio(aspect_ratio: ArrayLike) -> FloatArray:
 def hollow_circle_gain(diameter_ratio: ArrayLike) -> FloatArray:
     """Return the stiffness of a hollow circle divided by that of a solid one of the same area.
 
-    It is (1 + k²) / (1 − k²) with k = d/D.
+    The ratio is (1 + k²) / (1 − k²) with k = d/D.
 
     Parameters
     ----------

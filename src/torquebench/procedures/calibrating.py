@@ -154,7 +154,7 @@ def calibrate(
     Raises
     ------
     LimitError
-        Before anything moves, where a step exceeds the drive's torque limit.
+        A step exceeds the drive's torque limit; nothing has moved yet.
     BenchError
         Standard and module differ by too much at rest, at a preload or at the first steps.
     """

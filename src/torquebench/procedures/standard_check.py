@@ -74,7 +74,7 @@ def check_zero(
     Raises
     ------
     BenchError
-        It exceeds the largest torque that counts as unloaded.
+        The torque exceeds the largest one that counts as unloaded.
     """
     allowed_nm = description.unloaded_nm(side)
     if not abs(zero_nm) <= allowed_nm:
@@ -107,7 +107,7 @@ def check_pair(
     Raises
     ------
     BenchError
-        They differ by more.
+        The torques differ by more than that.
     """
     range_nm, transducer = description.module(side).range_nm, description.module(side).transducer
     torque_nm = np.array([pair.standard_nm])

@@ -20,9 +20,9 @@ class Change:
     ----------
     key : str
     change : Budget
-        After less before, in the unit of both; errors of one calibration cancel.
+        Value after less value before, in the unit of both; errors of one calibration cancel.
     relative_percent : float
-        Of the value before; NaN where that is 0.
+        Change in % of the value before; NaN where that value is 0.
     significant : bool
         Whether the change exceeds its expanded uncertainty.
     """

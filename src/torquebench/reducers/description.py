@@ -57,9 +57,9 @@ class EfficiencyLimit(_Settings):
     Attributes
     ----------
     torque_nm : float
-        At the output, N·m.
+        Torque at the output, N·m.
     speed_rpm : float
-        At the input, 1/min.
+        Speed at the input, 1/min.
     percent : float
         Smallest efficiency when the input drives, %.
     """
@@ -107,7 +107,7 @@ class ReducerDescription(_Settings):
     Attributes
     ----------
     name : str
-        Of the type, such as "RV-40E class".
+        Name of the type, such as "RV-40E class".
     kind : {"rv", "cycloidal", "harmonic", "other"}
     maker, source : str
         Maker of the reducer, and source of the numbers.
@@ -132,7 +132,7 @@ class ReducerDescription(_Settings):
         default three times the ratio.
     limits : DataSheetLimits
     certified_friction : tuple of CertifiedFriction
-        Of a standard reducer: what its certificate states, at rising speeds.
+        Friction that a standard reducer's certificate states, at rising speeds.
     certificate : str
         Number of that certificate.
     """

@@ -79,7 +79,7 @@ class EfficiencyPoint:
         Set point that the point is named by: torque as a magnitude, speed with its sign; the
         means of the step where none was given.
     both : bool
-        Whether it is the mean of both directions.
+        Whether the point is the mean of both directions.
     """
 
     key: str
@@ -122,7 +122,7 @@ class EfficiencyMap:
     ratio : float
         Input turns for one output turn, negative where reversed.
     points : tuple of EfficiencyPoint
-        By driving side, speed and torque.
+        Points, sorted by driving side, speed and torque.
     findings : tuple of Finding
     means : tuple of EfficiencyPoint
         Mean of both directions where both were driven: errors of the zeros cancel.
@@ -332,7 +332,7 @@ def evaluate_efficiency(
         Set points by which repeats are put together and results are named; by default points
         within 1 % of the largest torque and of the largest speed, and 5 % of their own, are one.
     input_uncertainty, output_uncertainty : TorqueUncertainty or sequence of them, optional
-        The same at all points, or of each.
+        One uncertainty for all points, or one for each.
     largest_share : float, optional
         Refuse the result where U exceeds this share of the efficiency at any point.
     steady : bool

@@ -19,7 +19,7 @@ class QuantityVerdict:
     title : str
     estimate : Budget
     limit : str
-        In words with its unit, such as ``"≤ 1 arcmin"``.
+        Limit as text with its unit, such as ``"≤ 1 arcmin"``.
     decision : Decision
         Verdict (pass, conditional pass, conditional fail, fail) with guard band w = U.
     """

@@ -50,7 +50,7 @@ def missed_speed(speed_rpm: Floats, demanded_rpm: Floats) -> tuple[Finding, ...]
     Parameters
     ----------
     speed_rpm, demanded_rpm : float64 array of shape (n,)
-        Of each point, in rpm.
+        Measured and commanded speed of each point, rpm.
 
     Examples
     --------

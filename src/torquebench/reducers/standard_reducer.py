@@ -99,7 +99,7 @@ def check_friction(
     repeat : array of int, shape (n,)
         Number of the repeat.
     certified : tuple of CertifiedFriction
-        From the certificate; interpolated linearly between its speeds.
+        Values of the certificate, interpolated linearly between its speeds.
     range_nm : float
         Full scale of the input module, N·m.
     tolerance_percent : float

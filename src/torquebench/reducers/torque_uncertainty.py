@@ -31,14 +31,15 @@ class TorqueUncertainty(StandardUncertainties):
     Parameters
     ----------
     relative : float
-        Of the calibration, as a share of reading.
+        Standard uncertainty of the calibration, as a share of reading.
     zero_nm : float
         Of the zero measured just before, N·m; the same in both directions, so that it cancels in
         their mean.
     model_nm : float
-        Of the calibration, N·m; its error may change sign with the torque.
+        Standard uncertainty of the calibration, N·m; its error may change sign with the torque.
     speed_nm_per_rpm : float
-        Of the zero over speed, N·m per 1/min; cancels in the mean of both directions.
+        Standard uncertainty of the zero over speed, N·m per 1/min; it cancels in the mean of both
+        directions.
     mounting_nm : float
         Of the mounting and the drag of bearings, N·m; it changes sign with torque and speed.
     loading_nm : float

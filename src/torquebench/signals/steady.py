@@ -42,7 +42,7 @@ class SteadyValue:
         Standard error of that slope.
     settled : bool
         Whether the drift over the window is below its own standard error or below the tolerance.
-        Otherwise one has to wait longer, or to mark the point.
+        Otherwise wait longer, or mark the point.
     samples : int
         Number of samples in the value.
     effective_samples : float

@@ -40,7 +40,7 @@ class Image(ABC):  # noqa: B024 - no instrument has every table
     faults : WireFaults
         Injected faults of its values and actions.
     model, serial : str
-        For the name plate.
+        Model and serial number of the name plate.
     """
 
     def __init__(self, plant: Plant, faults: WireFaults, model: str, serial: str) -> None:

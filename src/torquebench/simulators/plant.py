@@ -139,7 +139,7 @@ class Plant:
             self._read_before = True
 
     def _follow(self) -> None:
-        """Make time follow the wall clock while that is necessary."""
+        """Advance with the wall clock, in real time or if no client watches powered drives."""
         last = time.monotonic()
         while not self._closing.wait(WALL_STEP_S):
             now = time.monotonic()

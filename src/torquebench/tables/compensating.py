@@ -107,7 +107,7 @@ def compensate_file(
     Raises
     ------
     InputError
-        With file, row and column of the unsuitable value.
+        A value is unsuitable; the message states file, row and column.
     """
     check_read(source)
     check_written(target)

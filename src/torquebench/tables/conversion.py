@@ -76,7 +76,7 @@ class Sensitivity:
         Raises
         ------
         InputError
-            It is none of these.
+            The text has none of these forms.
         """
         slope = _SLOPE.fullmatch(text)
         if slope is not None:
@@ -266,7 +266,7 @@ def arm_m(text: str) -> float:
     Raises
     ------
     InputError
-        It isn't a length above 0 with its unit.
+        The text isn't a length above 0 with its unit.
 
     Examples
     --------

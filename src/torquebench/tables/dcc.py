@@ -95,7 +95,7 @@ class DigitalCertificate:
     performed, issued : str
         Days as the certificate writes them.
     signed : bool
-        Whether it has a signature, which isn't checked here.
+        Whether the certificate has a signature, which isn't checked here.
     results : tuple of (str, tuple of DccQuantity)
         Tables of results by their titles.
     """
@@ -172,7 +172,7 @@ def read_dcc(path: Path) -> DigitalCertificate:
     Raises
     ------
     InputError
-        It can't be read, isn't XML, or isn't a certificate.
+        The file can't be read, isn't XML, or isn't a certificate.
     """
     try:
         with path.open("rb") as file:

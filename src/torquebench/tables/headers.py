@@ -136,7 +136,7 @@ class Understood:
         Raises
         ------
         InputError
-            With the first cell that isn't a number.
+            A cell isn't a number; the message names the first one.
         """
         column = self.columns.get(quantity)
         if column is None:
@@ -191,7 +191,7 @@ def understand(
         the sign, ``counts/N`` is the unit of an encoder with N counts per revolution, ``column 2``
         is the second column of a file without a header.
     conversion : Conversion, optional
-        From signals, forces and masses to torques.
+        Conversion of signals, forces and masses to torques.
 
     Raises
     ------

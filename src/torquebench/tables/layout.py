@@ -77,7 +77,7 @@ def find_layout(
     numbers : sequence of int
         Numbers of these rows in the file.
     counted : str
-        What the file's numbers count, for notes.
+        Word for a place in the file, such as "line", for notes.
     known : callable
         Function that returns whether a column's name is known.
     commented : sequence of str

@@ -222,7 +222,7 @@ class TableColumns:
     assigned : sequence of str
         ``name=Header[unit]`` of columns that have other names; see `understand`.
     conversion : Conversion, optional
-        From signals, forces and masses to torques.
+        Conversion of signals, forces and masses to torques.
 
     Attributes
     ----------
@@ -286,7 +286,7 @@ class TableColumns:
         Raises
         ------
         InputError
-            With the first cell that isn't a whole number.
+            A cell isn't a whole number; the message names the first one.
         """
         column = self.understood.columns.get("series")
         if column is None:
@@ -311,7 +311,7 @@ class TableColumns:
         Raises
         ------
         InputError
-            With the first cell that has none of these values.
+            A cell has none of these values; the message names the first one.
         """
         column = self.understood.columns.get("branch")
         if column is None and self._of_loading(table):
@@ -328,7 +328,7 @@ class TableColumns:
         Raises
         ------
         InputError
-            With the first row in which they differ.
+            The columns differ; the message names the first row.
         """
         column = self.understood.columns.get("direction")
         if column is None or ("branch" not in self.understood and self._of_loading(table)):
@@ -415,7 +415,7 @@ def read_calibration_table(
     mapping : sequence of str
         ``name=Header[unit]`` of columns that have other names; see `understand`.
     conversion : Conversion, optional
-        From signals, forces and masses to torques.
+        Conversion of signals, forces and masses to torques.
     model : StoredModel, optional
         Model to be used with it: its range is used, and a table of another transducer, counter,
         range or unit is refused.

@@ -173,7 +173,7 @@ class Table:
         Raises
         ------
         InputError
-            With the first cell whose word has no meaning.
+            A cell's word has no meaning; the message names the first one.
         """
         cells = self.column(name)
         places: NDArray[np.intp] | None = None
@@ -333,7 +333,7 @@ class Table:
         if 100 <= max(whole) < 1000 and 5.0 * largest < max(whole):
             raise InputError(
                 Message(
-                    "{place}: {texts!r} beside {whole}",
+                    "{place}: {texts!r} in a column with {whole}",
                     self.place(marked[0], name),
                     cells[marked[0]],
                     max(whole),

@@ -25,9 +25,9 @@ as a table: the first of 50 steps."""
 class CertifiedUncertainty:
     """Expanded uncertainty (k = 2) of a torque standard at its certified torques.
 
-    It is linear between them. Because the standard is zeroed where it is used, the uncertainty is a
-    constant share of the torque below the smallest certified torque, and also above the largest
-    one. Values that are stated for one direction only are used for both.
+    U is interpolated linearly between them. Because the standard is zeroed where it is used, the
+    uncertainty is a constant share of the torque below the smallest certified torque, and also
+    above the largest one. Values that are stated for one direction only are used for both.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class CertifiedUncertainty:
         Raises
         ------
         InputError
-            It is none of these.
+            The text has none of these forms.
         """
         number, _, of = text.strip().partition(" of ")
         try:
@@ -122,12 +122,12 @@ class CertifiedUncertainty:
 
     @classmethod
     def of_words(cls, text: str, range_nm: float) -> CertifiedUncertainty:
-        """Return a U like `of_text`, from a text that must state what a percentage refers to.
+        """Return U from a text as in `of_text`, but with the reference of a percentage stated.
 
         Raises
         ------
         InputError
-            A bare number, or none of the forms.
+            The text is a bare number, or has none of the forms.
 
         Examples
         --------

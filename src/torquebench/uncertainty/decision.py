@@ -100,7 +100,7 @@ class Tolerance:
         Raises
         ------
         InputError
-            If the reference that the tolerance needs isn't given.
+            The reference that the tolerance needs isn't given.
         """
         if self.reference == "absolute":
             return self.lower, self.upper

@@ -38,7 +38,7 @@ class MonteCarloResult:
     tolerance : float
         Numerical tolerance that the adaptive procedure had to reach.
     converged : bool
-        Whether it was reached within the allowed number of trials.
+        Whether the tolerance was reached within the allowed number of trials.
     """
 
     value: float
@@ -214,7 +214,7 @@ def check_by_monte_carlo(
     ----------
     budget : Budget
     generator, coverage_probability, maximum_trials
-        As in `monte_carlo`, run with a fifth of the tolerance.
+        As in `monte_carlo`, which is run with a fifth of the tolerance.
     significant_digits : int
         Number of meaningful digits of the standard uncertainty, 1 or 2.
 

@@ -37,7 +37,7 @@ def stated(value: float, expanded: float) -> tuple[str, str]:
     Parameters
     ----------
     value, expanded : float
-        In the same unit; an uncertainty that isn't finite is unknown.
+        Value and U in the same unit; a U that isn't finite is unknown.
 
     Returns
     -------

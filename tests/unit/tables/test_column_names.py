@@ -102,7 +102,7 @@ def test_a_mark_between_thousands_is_no_decimal_mark(tmp_path: Path) -> None:
     """A spreadsheet's 980, 1,200: read as 1.2 it would be wrong without a word."""
     table = "reading_nm;standard_nm\n505;500\n981;980\n{};1200\n"
     for number in ("1,201", "-1.201"):
-        with pytest.raises(InputError, match=r"line 4, column reading_nm: .* beside 981"):
+        with pytest.raises(InputError, match=r"line 4, column reading_nm: .* in a column with 981"):
             read(tmp_path, table.format(number))
     assert read(tmp_path, table.format("1201,5")).reading_nm[-1] == 1201.5
     fine = "reading_nm;standard_nm\n505;500\n981,234;980\n"

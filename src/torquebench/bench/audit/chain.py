@@ -122,7 +122,7 @@ def check_audit(folder: Path, noted: Iterable[tuple[AuditEnd, str]] = ()) -> Aud
     Parameters
     ----------
     folder : pathlib.Path
-        Of the log, which may be in use.
+        Folder of the log, which may be in use.
     noted : iterable of (AuditEnd, str)
         Ends that were recorded elsewhere, each with its place.
     """

@@ -45,7 +45,7 @@ class Zero(StandardReadable):
         Raises
         ------
         SignalFault
-            It deviates too much from the nominal zero.
+            The zero deviates too much from the nominal zero.
         """
         self._context.acquisition.set_zero(
             self._channel, value.signal, value.standard_uncertainty_nm

@@ -272,8 +272,8 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     def _steady_torque(self, active: ActiveChain, start_s: float, stop_s: float) -> Torque:
         """Return the steady value of the stream's torque.
 
-        It belongs to one loading. Its standard error replaces the noise of its windows if it is
-        larger.
+        An instance belongs to one loading. Its standard error replaces the noise of its windows if
+        it is larger.
 
         Raises
         ------

@@ -170,7 +170,7 @@ class AmplifierReadout:
     Parameters
     ----------
     amplifier : Amplifier
-        With the channels `input_reference`, `output_reference` or both.
+        Amplifier with the channels `input_reference`, `output_reference` or both.
     period_s : float
     """
 

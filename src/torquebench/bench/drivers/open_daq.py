@@ -75,7 +75,7 @@ class OpenDaqCounter(LibraryCounter):
     BenchError
         The device can't be reached.
     InputError
-        It has no such signal, or none that can be read as a frequency.
+        The device has no such signal, or none that can be read as a frequency.
     """
 
     def __init__(self, options: OpenDaqOptions, counting: CounterDescription) -> None:
@@ -214,7 +214,8 @@ class OpenDaqCounter(LibraryCounter):
                         count,
                     ),
                     Message(
-                        "all of them within {timeout_s:g} s of their time", self._options.timeout_s
+                        "all samples within {timeout_s:g} s after they are due",
+                        self._options.timeout_s,
                     ),
                     "check the device and the network",
                 )

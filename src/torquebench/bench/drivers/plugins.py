@@ -140,7 +140,7 @@ def find_plugin(name: str, key: str) -> DriverPlugin:
     Raises
     ------
     InputError
-        There is none of this name, or the entry point isn't a `DriverPlugin`.
+        No driver has this name, or the entry point isn't a `DriverPlugin`.
     """
     known = protocols()
     if name not in known:
@@ -169,7 +169,7 @@ def require_library(module: str, extra: str) -> ModuleType:
     Raises
     ------
     InputError
-        It isn't installed; the message names the extra to install.
+        The driver's package isn't installed; the message names the extra to install.
     """
     logging.getLogger(module.partition(".")[0]).addHandler(logging.NullHandler())
     try:

@@ -28,7 +28,7 @@ class SocketcandBus(can.BusABC):
     host : str
     port : int
     timeout_s : float
-        For connecting and for each answer of the greeting.
+        Time-out for connecting and for each answer of the greeting.
 
     Raises
     ------

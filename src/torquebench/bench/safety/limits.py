@@ -136,7 +136,7 @@ class Watch:
     Parameters
     ----------
     level : AlarmLevel or None
-        None within the limits.
+        Level of the alarm; None within the limits.
     number : int
         Number of the warning in the book of alarms, 0 without one.
     """

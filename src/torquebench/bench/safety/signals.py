@@ -306,7 +306,7 @@ class SignalJudge:
         )
 
     def _rate_of_block(self, side: Side, name: str, record: Record) -> None:
-        """Check the change from window to window over the time between them."""
+        """Check the torque's rate of change from window to window."""
         if math.isinf(self._limits.side(side).torque_rate_nm_per_s):
             return
         window_s = self._description.counter.window_s

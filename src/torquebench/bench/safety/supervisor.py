@@ -397,7 +397,7 @@ class SafetySupervisor:
         return alarm
 
     def _go_on(self, now_s: float | None = None) -> None:
-        """Continue to the safe state as far as the readings allow."""
+        """Take the next steps towards the safe state that the present readings allow."""
         now_s = self._clock.now() if now_s is None else now_s
         with self._lock:
             violation = self._stop.advance(now_s)
@@ -417,7 +417,7 @@ class SafetySupervisor:
         Returns
         -------
         float
-            Bench time until they are at zero and have settled, s; 0 if they already are.
+            Bench time until the drives are at zero and have settled, s; 0 if they already are.
         """
         with self._lock:
             return self._stop.unload(sides)

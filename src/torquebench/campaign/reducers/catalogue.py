@@ -38,7 +38,7 @@ class ReducerTest:
         Name of its module in `kinds`, and of the entry there, with settings, plan, evaluation and
         figures.
     loads_output : bool
-        Whether it loads the output.
+        Whether the test loads the output.
     bench_twist : bool
         Whether the bench's own twist must be measured before.
     empty_run : tuple of side

@@ -30,10 +30,10 @@ class ReducerColumns:
     rows : array of int, shape (n,)
         Number of each row in the file.
     counted : str
-        What the file counts: "line" or "row".
+        Word for a place in the file: "line" or "row".
     understood : Understood
     notes : tuple of str
-        What the reader passed over.
+        Notes about content that the reader ignored.
     """
 
     numbers: Mapping[str, NDArray[np.float64]]
@@ -60,7 +60,7 @@ def read_columns(
     Parameters
     ----------
     files : sequence of pathlib.Path
-        Of any format that `read_table` reads.
+        Files of any format that `read_table` reads.
     wanted, required, mapping, conversion
         As of `understand`.
     where : sequence of str

@@ -23,7 +23,7 @@ class SpecimenQuantity:
     title : str
     estimate : Budget
     limit, verdict : str
-        Of the data sheet; empty without a limit.
+        Limit of the data sheet, and verdict; empty without a limit.
     """
 
     title: str
@@ -43,7 +43,7 @@ class SpecimenResults:
         Active models at that time.
     simulated : bool
     short : bool
-        Whether it was a short test.
+        Whether the test was a short one.
     quantities : mapping of str to SpecimenQuantity
         By key.
     """
@@ -109,7 +109,7 @@ def tested_specimen(run: RunSummary) -> SpecimenResults:
     Raises
     ------
     InputError
-        It isn't a run of a reducer test, or wasn't completed.
+        The run isn't a reducer test, or wasn't completed.
     """
     folder = RunFolder.open(run.folder)
     results = folder.results

@@ -55,7 +55,7 @@ class RecordedTest:
     settings : object
         Settings of the test's plan.
     short : bool
-        Whether it is a short test.
+        Whether the test is a short one.
     known : Known
         Twist and empty run of the bench, as stated or recorded.
     recording : object
@@ -80,7 +80,7 @@ class RecordedTest:
         Raises
         ------
         RecordError
-            It isn't such a file, or its content is unknown to this version.
+            The file isn't a reducer test's, or has content that this version doesn't know.
         """
         plain = recording_content(content, origin)
         if not isinstance(plain, dict) or plain.get("test") not in TESTS:

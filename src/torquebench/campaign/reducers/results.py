@@ -107,7 +107,7 @@ class ReducerTestRecord:
     reducer : mapping
         The description of the type as JSON.
     outcomes : tuple of ReducerTestOutcome
-        In the order in which they ran.
+        Outcomes in the order in which the tests ran.
     failures : tuple of ReducerTestFailure
         Parts of a full test without a result.
     simulated : bool
@@ -134,7 +134,7 @@ class ReducerTestRecord:
 
     @property
     def short(self) -> bool:
-        """Whether it was a short test."""
+        """Whether the test was a short one."""
         return any(outcome.short for outcome in self.outcomes)
 
     @property

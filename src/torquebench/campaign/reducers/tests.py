@@ -160,7 +160,7 @@ def run_reducer_test(
     InputError
         There is no test of this name, or the recording can't be evaluated.
     LimitError, InterlockError, ModelMismatchError
-        Before anything moves.
+        The run is refused before anything moves.
     RunAbortedError
         A person aborted the run.
     SignalFault, BenchError

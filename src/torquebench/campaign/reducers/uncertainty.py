@@ -148,7 +148,7 @@ def tares_of(recording: RunningRecording, ratio: float) -> dict[Side, Tare]:
     Parameters
     ----------
     recording : RunningRecording
-        Of an empty run.
+        Recording of an empty run.
     ratio : float
         Input turns for one output turn, negative where reversed.
     """

@@ -28,10 +28,11 @@ _SQUARE_ROOT_3 = 3.0**0.5
 class Dynamics(Effect):
     """The inverse of an identified transfer function, as a filter along the stream.
 
-    It filters readings at the rate for which it was designed. A row of a record gets the torque at
-    its own time, from readings up to `delay_s` later; the torques of a live stream are delayed by
-    `delay_s`. Readings at another rate aren't corrected, and the chain's delay enters as an
-    uncertainty that grows with the rate of change; readings without a time are treated as steady.
+    The filter only takes readings at the rate for which it was designed. A row of a record gets the
+    torque at its own time, from readings up to `delay_s` later; the torques of a live stream are
+    delayed by `delay_s`. Readings at another rate aren't corrected, and the chain's delay enters as
+    an uncertainty that grows with the rate of change; readings without a time are treated as
+    steady.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ class Circumstances:
     warmth_k : float64 array of shape (n,)
         Temperature, less that of the static curve.
     zeroed_k : float64 array of shape (n,)
-        The same at the time of the zero that is subtracted from the reading.
+        Temperature difference at the time of the zero that is subtracted from the reading, K.
     acceleration, time_s : float64 array of shape (n,)
         Acceleration as a share of the largest measured one.
     branch : float64 array of shape (n,)

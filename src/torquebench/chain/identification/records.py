@@ -167,7 +167,7 @@ def related_to_one_zero(
     Raises
     ------
     InputError
-        If some runs state their zero and others don't.
+        Some runs state their zero and others don't.
     """
     known = [run for run in runs if run.zero_nm is not None]
     if known and len(known) < len(runs):
@@ -220,7 +220,8 @@ def usual_points(speed_rpm: FloatArray, temperature_c: FloatArray) -> NDArray[np
 def stretches(speed_rpm: FloatArray | None, temperature_c: FloatArray | None) -> NDArray[np.int64]:
     """Return a number for each point that rises whenever temperature or speed changed.
 
-    Equal numbers follow each other in time. All are 1 if neither is known.
+    Equal numbers follow each other in time. All numbers are 1 if neither speed nor temperature is
+    known.
 
     Examples
     --------

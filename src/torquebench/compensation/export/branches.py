@@ -1,7 +1,7 @@
 """The branch of a reading by the exports' rule, and the error of this rule in partial loops.
 
 A controller without the model's memory (`torquebench.compensation.hysteresis`) derives the branch
-from the direction of the readings since their last turning point. On the calibrated loop that is
+from the direction of the readings since their last turning point. On the calibrated loop this is
 exact. After a reversal in mid-range a chain is between both branches: the exports state the largest
 error that follows.
 """

@@ -33,7 +33,7 @@ def export_onnx(path: Path, table: CompensationTable, provenance: Provenance) ->
         Where to.
     table : CompensationTable
     provenance : Provenance
-        Also stored in the model's metadata.
+        Origin of the model, which is also stored in the ONNX metadata.
 
     Returns
     -------

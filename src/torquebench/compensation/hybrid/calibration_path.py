@@ -47,7 +47,8 @@ def path_clock(u: FloatArray, branch: FloatArray, series: FloatArray) -> FloatAr
     Returns
     -------
     elapsed : float64 array of shape (n,) or (0,)
-        From 0 to 1 through all series; empty when a branch is unknown.
+        Position of each point in the calibration, from 0 to 1 through all series; empty when a
+        branch is unknown.
 
     Examples
     --------

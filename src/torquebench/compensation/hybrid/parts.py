@@ -360,7 +360,7 @@ class Term:
     shape : float64 array
         Shape parameters; empty where the columns don't depend on any.
     coefficients : float64 array
-        Of the part's columns.
+        Coefficients of the part's columns.
     """
 
     part: str

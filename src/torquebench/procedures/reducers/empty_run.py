@@ -100,7 +100,7 @@ def empty_run(
     Raises
     ------
     LimitError
-        Before anything moves, where a speed exceeds the bench.
+        A speed exceeds the limits of the bench; nothing has moved yet.
     SignalFault
         A drive doesn't reach its speed.
     """

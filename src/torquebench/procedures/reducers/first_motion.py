@@ -170,7 +170,7 @@ def breakaway(
     Raises
     ------
     LimitError
-        Before anything moves, where the largest torque exceeds the data sheet or the bench.
+        The largest torque exceeds the limits of data sheet or bench; nothing has moved yet.
     BenchError
         Nothing moves up to the largest torque, or the output doesn't turn by the ratio.
     """

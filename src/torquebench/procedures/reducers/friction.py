@@ -129,7 +129,7 @@ class FrictionSweep:
     branch : int8[n]
         +1 while the speed's magnitude rises, -1 while it falls.
     temperature_c : float64[n]
-        Of the input transducer, °C.
+        Temperature of the input transducer, °C.
     compensated : bool
         Whether the module's active model was applied.
     unsettled : int
@@ -166,7 +166,7 @@ def friction_sweep(
     Raises
     ------
     LimitError
-        Before anything moves, where a speed exceeds the drive's limit.
+        A speed exceeds the drive's limit; nothing has moved yet.
     """
     settings = settings or FrictionSettings()
     points = list(settings.points())

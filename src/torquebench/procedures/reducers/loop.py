@@ -157,7 +157,7 @@ class LoopRecording:
     compensated : mapping of side to bool
         Whether the side's active model was applied.
     temperature_c : float
-        Of the reducer; NaN without a probe.
+        Temperature of the reducer, °C; NaN without a probe.
     flange : FlangeInertia or None
         Inertia from the output's active model (identified by empty runs), or as described.
     """
@@ -184,7 +184,7 @@ def hysteresis_loops(
     Raises
     ------
     LimitError
-        Before anything moves, where the torque exceeds the data sheet or the bench.
+        The torque exceeds the limits of data sheet or bench; nothing has moved yet.
     BenchError
         The output doesn't turn by the reducer's ratio.
     """

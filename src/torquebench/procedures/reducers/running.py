@@ -186,7 +186,7 @@ def no_load_running(
     Raises
     ------
     LimitError
-        Before anything moves, where a speed exceeds the data sheet or the bench.
+        A speed exceeds the limits of data sheet or bench; nothing has moved yet.
     BenchError
         The reducer doesn't turn by its ratio, or doesn't reach a steady temperature.
     SignalFault
@@ -295,7 +295,7 @@ def efficiency_map(
     Raises
     ------
     LimitError
-        Before anything moves, where a torque or speed exceeds the data sheet or the bench.
+        A torque or speed exceeds the limits of data sheet or bench; nothing has moved yet.
     BenchError
         The reducer doesn't turn by its ratio, or doesn't reach a steady temperature.
     SignalFault

@@ -51,7 +51,7 @@ class RunningRecording:
     series : int[n]
         Number of the preceding zero: the points of a series share its error.
     temperature_c : float64[n]
-        Of the reducer; NaN without a probe.
+        Temperature of the reducer, °C; NaN without a probe.
     time_s : float64[n]
         Bench time, s.
     compensated : mapping of side to bool

@@ -487,7 +487,7 @@ def check_speeds(speeds_rpm: tuple[float, ...], repeats: int, rate_rpm_per_s: fl
     Raises
     ------
     InputError
-        With the refused speeds, repeats or rate.
+        Speeds, repeats or rate are refused; the message states them.
     """
     if not rate_rpm_per_s > 0.0:
         raise InputError(

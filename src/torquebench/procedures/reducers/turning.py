@@ -115,7 +115,7 @@ class TransmissionRecording:
     revolutions : float
         Speed and revolutions as in the settings.
     temperature_c : float
-        Of the reducer; NaN without a probe.
+        Temperature of the reducer, °C; NaN without a probe.
     counts_per_revolution : mapping of side to int
         Resolution of the encoders.
     certified_rad : mapping of side to float
@@ -141,7 +141,7 @@ def transmission_error(
     Raises
     ------
     LimitError
-        Before anything moves, where the speed exceeds the data sheet or the bench.
+        The speed exceeds the limits of data sheet or bench; nothing has moved yet.
     BenchError
         The output doesn't turn by the reducer's ratio.
     """

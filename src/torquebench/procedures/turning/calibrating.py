@@ -57,7 +57,7 @@ def calibrate_turning(
     Raises
     ------
     LimitError
-        Before anything moves, where a torque or speed exceeds the bench.
+        A torque or speed exceeds the limits of the bench; nothing has moved yet.
     SignalFault
         A drive doesn't reach its speed.
     """

@@ -196,7 +196,7 @@ def turn_empty(
     Raises
     ------
     LimitError
-        Before anything moves, where a speed exceeds the bench.
+        A speed exceeds the limits of the bench; nothing has moved yet.
     BenchError
         A temperature isn't reached in time.
     """

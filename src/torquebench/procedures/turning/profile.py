@@ -303,7 +303,7 @@ class TurningProfile(_Settings):
         Raises
         ------
         InputError
-            Where the profile states none.
+            The profile states no speed.
         """
         if side not in self.largest_rpm:
             raise InputError(

@@ -63,7 +63,7 @@ def check_drive(devices: BenchDevices, side: Side, profile: TurningProfile) -> N
     Raises
     ------
     LimitError
-        With the largest possible step or the shortest possible period.
+        Step or period isn't possible; the message states the largest step or the shortest period.
     """
     module = devices.context.description.module(side)
     full, rate = module.range_nm, module.drive.torque_rate_nm_per_s
@@ -132,7 +132,7 @@ def step_torques(
     Raises
     ------
     LimitError
-        Before anything moves, where a torque or its rate exceeds the bench.
+        A torque or its rate exceeds the limits of the bench; nothing has moved yet.
     """
     module = devices.context.description.module(side)
     legs, series = profile.torque_legs(module.range_nm), profile.series()

@@ -30,7 +30,7 @@ class FlangeInertia:
     inertia_kgm2 : float
         Its moment of inertia, kg·m².
     inertia_uncertainty_percent : float
-        Of that (k = 2).
+        Expanded uncertainty (k = 2) of the moment of inertia, %.
     """
 
     inertia_kgm2: float
@@ -72,12 +72,12 @@ def torque_at_flange(
     time_s : array of float, shape (n,)
         At an even rate, gaps allowed; each stretch without a gap is filtered by itself.
     torque_nm : array of float, shape (n,)
-        At the transducer, N·m.
+        Torque at the transducer, N·m.
     angle_rad : array of float, shape (n,)
-        Of the flange, rad, growing in the direction of a positive torque.
+        Angle of the flange, rad, growing in the direction of a positive torque.
     flange : FlangeInertia
     standard_uncertainty_nm : float or array of float, shape (n,)
-        Of the torque, N·m.
+        Standard uncertainty of the torque, N·m.
     angle_uncertainty_rad : float
         Standard deviation of the angle's noise, rad.
 

@@ -42,7 +42,7 @@ class LostMotionRule:
     least_positions : int
         Number of output positions that the maker requires.
     source : str
-        Whose rule it is.
+        Standard or maker that defines the rule.
     """
 
     name: str
@@ -148,9 +148,9 @@ class LoopUncertainty(StandardUncertainties):
     Parameters
     ----------
     torque_relative : float
-        Of the calibration, as a share of reading; common to all loops.
+        Standard uncertainty from the calibration, as a share of reading; common to all loops.
     torque_mounting : float
-        Of the mounting, as a share of reading; common to all loops.
+        Standard uncertainty from the mounting, as a share of reading; common to all loops.
     torque_zero_nm : float
         Of the torque's zero, N·m; common to both branches of a loop, fresh for each position.
     torque_branch_nm : float
@@ -164,9 +164,9 @@ class LoopUncertainty(StandardUncertainties):
         Of an angle of one branch (encoder interpolation), rad; independent between the branches and
         the signs, common to all loops.
     angle_relative : float
-        Of the angle's scale, as a share.
+        Standard uncertainty of the angle's scale, as a share.
     bench_compliance_rad_per_nm : float
-        Of the bench's own compliance, rad/(N·m).
+        Standard uncertainty of the bench's own compliance, rad/(N·m).
     """
 
     torque_relative: float = 0.0
@@ -317,15 +317,15 @@ class HysteresisResult:
     backlash : Budget
         Loop width at zero torque, arcmin.
     lost_motion : Budget
-        By the rule, arcmin.
+        Lost motion by the rule, arcmin.
     energy : Budget
         Hysteresis loss of a cycle, J.
     regions : StiffnessRegions or None
-        If `LoopSettings.region_torques_nm` requests them.
+        Stiffness in the regions that `LoopSettings.region_torques_nm` requests.
     loops : tuple of LoopFeatures
         Every loop that was evaluated, in order.
     key_points : tuple of KeyPoint
-        Of the first loop: for figures.
+        Key points of the first loop, for figures.
     findings : tuple of Finding
         Remarks about the data.
     """

@@ -35,7 +35,7 @@ LEFT_AT_REDUCER = 0.05
 too small by 0.01 to 0.04 and the loss by 0.02 to 0.08.
 """
 LEFT_UNRESOLVED = 0.5
-"""The same for a faster ripple, whose peaks aren't resolved.
+"""Share that is left of a faster ripple, whose peaks aren't resolved.
 """
 
 
@@ -46,7 +46,7 @@ class Ripple:
     Parameters
     ----------
     period : float
-        Of its fastest strong harmonic, in samples.
+        Period of the ripple's fastest strong harmonic, in samples.
     amplitude_nm : float
         Half of peak to peak, N·m.
     """
@@ -211,7 +211,7 @@ def outermost(
     Parameters
     ----------
     torque, angle : array of float, shape (n,)
-        In the order of measurement, at one position.
+        Torque and angle in the order of measurement, at one position.
     ripple : Ripple
         Sets over how many samples torque and angle are averaged first.
     resolution_rad : float

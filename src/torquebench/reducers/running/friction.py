@@ -256,9 +256,9 @@ def evaluate_friction(
         Exponent δ of the Stribeck part: 2 Gaussian, 1 exponential.
     form : str, default "best"
         One of ``FORMS``, or ``"best"``: the one with the lowest corrected Akaike information
-        criterion, so that a Stribeck part only appears where the points ask for it.
+        criterion, so that a Stribeck part only appears where the points support it.
     temperature_c : array of float, shape (n,), optional
-        Of the reducer; a change of more than 2 K is a finding.
+        Temperature of the reducer, °C; a change of more than 2 K is a finding.
     demanded_rpm : array of float, shape (n,), optional
         Commanded speed, by which points are grouped; one that wasn't reached is a finding.
     zeroed : bool

@@ -37,8 +37,8 @@ Floats = NDArray[np.float64]
 LEAST_RANGE_K = 1.0
 """Smallest range of temperatures from which its effect is evaluated."""
 SAME_SPEED = 0.02
-"""Largest difference of the speeds of both directions that count as one, as a share of the
-largest."""
+"""Largest difference between speeds of both directions that count as equal, as a share of the
+larger one."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class NoLoadPoint:
     nominal_rpm : float
         Speed in the point's name: the commanded one, or the mean.
     both : bool
-        Whether it is the mean of both directions.
+        Whether the point is the mean of both directions.
     """
 
     key: str
@@ -92,7 +92,7 @@ class NoLoadResult:
     Parameters
     ----------
     points : tuple of NoLoadPoint
-        At rising speed, negative speeds first.
+        Points at rising speed, negative speeds first.
     means : tuple of NoLoadPoint
         Mean of both directions where both were driven, at rising speed: errors of the zero, and of
         the zero over speed, cancel.
@@ -199,7 +199,7 @@ def evaluate_no_load(
     temperature_c : array of float, shape (n,), optional
         Of the reducer.
     uncertainty : TorqueUncertainty or sequence of them, optional
-        Of the torque: the same at all points, or of each.
+        Uncertainty of the torque: one for all points, or one for each.
     tare : Tare, optional
         Of an empty run, to be subtracted; then its uncertainty replaces the limits of the effects
         of speed and drag.

@@ -40,7 +40,7 @@ class SpeedPoints:
     Parameters
     ----------
     samples : Samples
-        With speed_rpm, torque_nm and the other columns of the table.
+        Samples with speed_rpm, torque_nm and the other columns of the table.
     group : array of int, shape (n,)
         Step of each point, from the lowest speed.
     own_nm : array of float, shape (n,)
@@ -49,7 +49,7 @@ class SpeedPoints:
     resolution_nm : float
         Last decimal place of the torque; 0 if it shows none.
     offset_nm, offset_u_nm : float
-        What was subtracted from all torques, and its standard uncertainty.
+        Offset that was subtracted from all torques, and its standard uncertainty.
     ramp : pair of array, or None
         Speeds and torques of a ramp in short blocks, for the fit of friction, which bends within a
         point's range of speeds. The offset isn't subtracted from them.

@@ -27,7 +27,7 @@ class TareValue:
     Parameters
     ----------
     torque_nm : float
-        To be subtracted, N·m.
+        Torque to be subtracted, N·m.
     scatter_nm, degrees_of_freedom : float
         Its standard uncertainty from the repeats, N·m.
     drag_nm : float
@@ -59,9 +59,9 @@ class Tare:
     residual_nm : float
         Scatter about the polynomials, N·m.
     speed_rpm : array of float, shape (n,)
-        Of the empty run's points, 1/min.
+        Speeds of the empty run's points, 1/min.
     stated : Torque or None
-        What the measuring chain stated at these points; None without an active one.
+        Torque that the measuring chain stated at these points; None without an active chain.
     """
 
     coefficients: dict[int, NDArray[np.float64]]
@@ -80,7 +80,7 @@ class Tare:
         Parameters
         ----------
         torque : Torque
-            Of the same measuring chain, before the empty run is subtracted.
+            Torque of the same measuring chain, before the empty run is subtracted.
         speed_rpm : array of float, shape (n,)
         """
         if self.stated is None:
@@ -101,7 +101,7 @@ class Tare:
         Raises
         ------
         InputError
-            Beyond the fastest speed of the empty run, or in a direction that it hasn't.
+            The speed exceeds that of the empty run, or the empty run lacks its direction.
         """
         if abs(speed_rpm) > REACH * self.fastest_rpm:
             raise InputError(

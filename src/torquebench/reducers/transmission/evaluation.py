@@ -46,9 +46,9 @@ class AngleUncertainty:
     Parameters
     ----------
     output_rad : float
-        Of the output encoder: errors that repeat with the revolution.
+        Uncertainty from errors of the output encoder that repeat with the revolution, rad.
     input_rad : float
-        Of the input encoder, at the input; the ratio divides it.
+        Uncertainty from errors of the input encoder, at the input, rad; the ratio divides it.
     """
 
     output_rad: float = 0.0
@@ -92,7 +92,7 @@ class DirectionError:
     error_arcsec : array of float, shape (n,)
         Mean over the revolutions, mean removed, low-pass filtered in angle.
     standard_error_arcsec : array of float, shape (n,)
-        Of that mean; NaN with one revolution.
+        Standard error of that mean; NaN with one revolution.
     peak_to_peak : Budget
         ATE = max − min, arcsec.
     order, amplitude_arcsec : array of float, shape (m,)
@@ -417,7 +417,7 @@ def _between_peaks(found: Revolution, known: AngleUncertainty, ratio: float) -> 
     """Return the effect of the encoders' errors on max − min, arcsec.
 
     An error with a period of one turn contributes 2·|sin(Δ/2)| of its standard uncertainty, Δ being
-    the encoder's angle between both peaks. Other errors contribute √2 of it.
+    the encoder's angle between both peaks. Other errors contribute √2 times their uncertainty.
     """
     places = found.angle_rad[[np.argmax(found.error_arcsec), np.argmin(found.error_arcsec)]]
     apart = float(places[0] - places[1])

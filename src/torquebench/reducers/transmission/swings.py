@@ -126,7 +126,7 @@ def evaluate_swings(
 
     At equal input angles the transmission error of both directions is the same: what differs is the
     lost motion. It is the mean gap over the middle half of the strokes; backlash is the part of it
-    over which the output stands after a reversal.
+    over which the output stands still after a reversal.
 
     Parameters
     ----------

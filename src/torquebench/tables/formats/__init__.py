@@ -1,8 +1,8 @@
 """Formats of tables: one file for each format, which reads and writes it.
 
-Each module here is a format. It defines `FORMAT`, and imports the format's package only when a
-table is opened or written, so that endings can be listed quickly. All formats except text are read
-in a separate process (`torquebench.tables.isolated`).
+Each module of this package is a format. It defines `FORMAT`, and imports the format's package only
+when a table is opened or written, so that endings can be listed quickly. All formats except text
+are read in a separate process (`torquebench.tables.isolated`).
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class OpenedTable:
     numbered : bool
         Whether the last column contains the number of each row.
     counted, separator : str
-        As of a `Table`.
+        As in a `Table`.
     """
 
     schema: Any
@@ -207,7 +207,7 @@ def check_kept(path: Path) -> None:
     Raises
     ------
     InputError
-        Where it is standard input or a pipe.
+        The path is standard input or a pipe.
     """
     if str(path) == "-" or (path.exists() and not path.is_file()):
         raise InputError(
@@ -261,7 +261,7 @@ def check_installed(chosen: Format, name: str) -> None:
     Raises
     ------
     InputError
-        With the line that installs it.
+        A package is missing; the message states the command that installs it.
     """
     if chosen.package and find_spec(chosen.package) is None:
         raise InputError(
@@ -280,7 +280,7 @@ def chosen_part(path: Path, part: str, parts: Mapping[str, Sequence[str]], calle
     Raises
     ------
     InputError
-        There is none, none of that name, or several without a choice.
+        The file has no part, none of this name, or several of which none was chosen.
     """
     if not parts:
         raise InputError(

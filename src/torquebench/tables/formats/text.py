@@ -63,7 +63,7 @@ def text_encoding(content: bytes, origin: str) -> str:
     Raises
     ------
     InputError
-        Where it isn't text.
+        The content isn't text.
 
     Examples
     --------
@@ -105,7 +105,7 @@ def decode_text(content: bytes, origin: str) -> str:
     Raises
     ------
     InputError
-        With the line that isn't text.
+        A line isn't text; the message names it.
     """
     encoding = text_encoding(content, origin)
     try:
@@ -345,7 +345,7 @@ class TextFile:
         Raises
         ------
         InputError
-            It has no rows, or a row that doesn't fit the table.
+            The file has no rows, or a row that doesn't fit the table.
         """
         pieces = [table for raw, _ in self.raw() if (table := self.piece(raw)) is not None]
         if not pieces:

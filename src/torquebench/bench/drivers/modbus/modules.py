@@ -343,7 +343,7 @@ class ModbusModes(_Digital):
         Raises
         ------
         BenchError
-            It isn't reached in time.
+            The state isn't reached in time.
         """
         driven, locked = _SIDE_COILS[side]
         self._switch({driven: mode == "driven", locked: mode == "locked"})
