@@ -21,7 +21,7 @@ APPLICATION = "urn:torquebench:test-client"
 
 @dataclass(frozen=True)
 class Served:
-    """A bench that is served, and where clients keep their certificates."""
+    """A served bench, and the folder of the clients' certificates."""
 
     service: BenchService
     server: OpcUaServer

@@ -68,7 +68,7 @@ def values(client: Any) -> dict[str, Any]:
 
 
 def transfer_options(client: Any, result: str) -> Any:
-    """Return the method's structure: o6 leaves the namespace's number in it as it is here."""
+    """Return the method's structure; o6 doesn't translate its namespace number to the server's."""
     options = machinery_result.datatypes.ResultTransferOptionsDataType(resultId=result)
     body = o6.encodeBinary(options)
     there = [str(each) for each in client.read(NAMESPACES)].index(machinery_result.uri)
@@ -111,7 +111,7 @@ def results(client: Any, result: str) -> dict[str, Any]:
 
 
 def tested(client: Any, run_id: str) -> dict[str, Any]:
-    """Read the values of a reducer test, and its content in the answer of a method."""
+    """Read the values of a reducer test, and the test's content by a method."""
     value = read(client, f"result.{run_id}.backlash")
     limit = read(client, f"result.{run_id}.backlash.Limit")
     meta = o6.decodeBinary(

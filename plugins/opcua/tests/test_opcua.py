@@ -1,4 +1,4 @@
-"""The bench by OPC UA: who gets in, what a foreign stack reads, and that nothing can be written."""
+"""The bench by OPC UA: access, reading by an independent stack, and refused writing."""
 
 import asyncio
 import contextlib
@@ -66,7 +66,7 @@ def admin(served: Served) -> Iterator[Actor]:
 
 
 def _clear(served: Served) -> None:
-    """Leave no alarm behind, whatever a test did."""
+    """Acknowledge all alarms that a test has left."""
     actor = served.service.people.identify("Admin", PASSWORD, "test")
     deadline = time.monotonic() + 120.0
     while served.service.station.supervisor.alarm is not None and time.monotonic() < deadline:
@@ -301,7 +301,7 @@ def test_nothing_can_be_written_or_added(served: Served) -> None:
 
 
 def test_fields_of_events_that_cannot_be_answered_are_refused(served: Served) -> None:
-    """They would end the sending of events, to all clients."""
+    """Such fields would make the server stop sending events to all clients."""
 
     async def work() -> None:
         async with served.session() as client:
@@ -339,7 +339,7 @@ def test_nobody_gets_in_without_certificate_name_and_password(served: Served) ->
 
 
 def test_an_open_channel_is_no_way_in(served: Served) -> None:
-    """Whoever skips the list of endpoints and signs in without encryption is refused, too."""
+    """A client that ignores the list of endpoints and doesn't encrypt is refused."""
 
     async def work() -> None:
         client = Client(served.server.url)
@@ -370,7 +370,7 @@ def test_an_open_channel_is_no_way_in(served: Served) -> None:
 def test_a_short_key_is_refused_though_its_certificate_is_trusted(
     served: Served, tmp_path: Path
 ) -> None:
-    """Basic256Sha256 asks for 2048 bits or more."""
+    """Basic256Sha256 requires 2048 bits or more."""
     weak = Served(served.service, served.server, tmp_path)
     key = rsa.generate_private_key(65537, 1024)
     names = [x509.UniformResourceIdentifier(APPLICATION), x509.DNSName("localhost")]
@@ -432,7 +432,7 @@ def test_a_client_signs_in_by_its_token(served: Served, admin: Actor) -> None:
 
 
 def _kept(served: Served) -> Counter[str]:
-    """Count what is in memory of the server's parts, by type; live values come and go."""
+    """Count the server's objects in memory by type, except live values, whose number varies."""
     server, loop = served.server._server.bserver, served.server._loop
     assert server is not None
     assert loop is not None

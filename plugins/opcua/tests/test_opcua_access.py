@@ -54,7 +54,7 @@ def names_of(store: Store) -> x509.SubjectAlternativeName:
 
 
 def test_each_bench_is_an_application_of_its_own(tmp_path: Path) -> None:
-    """Benches of one name on one computer, too: a discovery server tells them apart by the URI."""
+    """A discovery server distinguishes benches with the same name on one computer by their URIs."""
     stores = [Store(tmp_path / name) for name in ("a", "b")]
     for store in stores:
         store.folder.parent.mkdir()

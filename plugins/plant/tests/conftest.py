@@ -1,4 +1,4 @@
-"""A plant's registry on a PostgreSQL server of the tests' own."""
+"""A plant's registry on a PostgreSQL server that the tests start."""
 
 import itertools
 import os
@@ -32,7 +32,7 @@ def plant_socket() -> Iterator[Path]:
 
 @pytest.fixture
 def plant(plant_socket: Path, tmp_path: Path) -> Iterator[Plant]:
-    """An empty plant whose folders go to a share."""
+    """An empty plant whose folders are stored on a share."""
     url = postgresql_server.create_database(plant_socket, f"plant_{next(_numbers)}")
     (tmp_path / "share").mkdir()
     with Plant.create(url, f"file://{tmp_path}/share") as created:

@@ -1,4 +1,4 @@
-"""What benches record arrives in the plant once, whole and in order, whatever happens between."""
+"""Records of benches arrive in the plant once, complete and in order, despite interruptions."""
 
 import shutil
 from datetime import datetime, timedelta
@@ -100,7 +100,7 @@ def test_every_table_of_a_bench_is_known_to_the_plant(plant: Plant) -> None:
 def test_a_link_that_goes_down_loses_and_repeats_nothing(
     plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: int
 ) -> None:
-    """Cut after so many answers: after the plant has them, and before the bench knows."""
+    """The link is cut when the plant has stored data, before the bench gets the answer."""
     data = filled(tmp_path / "data")
     _, url = plant.register_bench("Bench 1")
     monkeypatch.setattr("torquebench_plant.forwarding.BATCH", 3)
@@ -172,7 +172,7 @@ def test_benches_of_one_name_with_the_same_runs_stay_apart(plant: Plant, tmp_pat
 
 
 def test_a_registry_that_was_changed_is_refused(plant: Plant, tmp_path: Path) -> None:
-    """Whoever rewrites a row and its link gets no further than the next hash."""
+    """If a row and its link are rewritten, the next link's hash doesn't match."""
     data = filled(tmp_path / "data")
     _, url = plant.register_bench("Bench 1")
     with Registry.open(data) as registry:
@@ -322,7 +322,7 @@ def test_a_bench_whose_clock_is_wrong_by_minutes_is_told(
 def test_a_bench_whose_entries_are_of_the_future_stands_out(
     plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its clock was wrong when it measured, and right again when it sent."""
+    """The bench's clock was wrong while it measured, and right when it sent."""
     (_, url), (_, right) = plant.register_bench("Bench 1"), plant.register_bench("Bench 2")
     sent(filled(tmp_path / "right", prefix="R"), right)
     set_clock(monkeypatch, timedelta(days=1000), "torquebench.records.registry.database")
@@ -350,7 +350,7 @@ def set_clock(
 def test_a_trigger_of_a_bench_never_acts_with_the_rights_of_the_administrator(
     plant: Plant, tmp_path: Path
 ) -> None:
-    """A function with its owner's rights would fire a trigger of any table that it writes to."""
+    """A function with its owner's rights would also run triggers of the tables that it changes."""
     _, url = plant.register_bench("Bench 1")
     sent(filled(tmp_path / "data"), url)
     with plant.transaction() as connection:  # as on a server that takes no right from anybody
@@ -378,7 +378,7 @@ def test_a_trigger_of_a_bench_never_acts_with_the_rights_of_the_administrator(
 
 
 def test_a_withdrawn_run_is_withdrawn_everywhere(plant: Plant, tmp_path: Path) -> None:
-    """Withdrawn in the plant or at a bench; where the same sealed run is known twice as well."""
+    """Withdraw runs in the plant or at a bench, also if two benches have the same run."""
     data = filled(tmp_path / "data")
     copy = tmp_path / "copy"
     shutil.copytree(data / "runs", copy / "runs")

@@ -33,7 +33,7 @@ def test_a_folder_arrives_whole_and_is_verified(
 
 
 def test_a_full_share_is_named_and_keeps_no_partial_file(tmp_path: Path) -> None:
-    """The largest file that this process may write stands for the room on the share."""
+    """A limit on this process's file size simulates a full share."""
     store = FolderStore(f"file://{tmp_path}/share")
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))

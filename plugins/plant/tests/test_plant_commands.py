@@ -27,14 +27,14 @@ def run(*words: object, cwd: Path = Path("/")) -> subprocess.CompletedProcess[st
 
 @pytest.fixture
 def server() -> Iterator[postgresql_server.Server]:
-    """A server of each test's own: one stops it, and roles and entries stay on it."""
+    """A new server for each test, because a test stops it and roles and entries remain on it."""
     with postgresql_server.restartable() as found:
         yield found
 
 
 @pytest.fixture
 def folder(server: postgresql_server.Server, tmp_path: Path) -> Path:
-    """A plant with the benches' URLs in files."""
+    """A folder with the benches' URLs of a plant in files."""
     (tmp_path / "share").mkdir()
     done = run("plant", "init", "--folders", f"file://{tmp_path}/share", "--plant", server.url)
     assert done.returncode == 0, done.stderr

@@ -22,7 +22,7 @@ if postgresql_server.binaries() is None and not os.environ.get("CI"):
 
 @pytest.fixture(scope="module")
 def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """URL of somebody who may only read a plant of two benches."""
+    """URL of a read-only role in a plant with two benches."""
     place = tmp_path_factory.mktemp("plant")
     with postgresql_server.server() as socket:
         database = postgresql_server.create_database(socket, "view")

@@ -1,4 +1,4 @@
-"""What a plant answers about transducers, specimens and benches, from what benches sent."""
+"""Answers of a plant about transducers, specimens and benches, from the benches' records."""
 
 from datetime import date
 from pathlib import Path
@@ -37,7 +37,7 @@ def transducer(serial: str = "T-1") -> Equipment:
 
 
 def life_of_a_transducer(plant: Plant, tmp_path: Path) -> list[URL]:
-    """T-1 drifts by 0.01 % a month, first on one bench and then on another one of its name."""
+    """T-1 drifts by 0.01 % a month, first on one bench, then on another bench of the same name."""
     urls = []
     for number, months in ((1, range(6)), (2, range(6, 12))):
         _, url = plant.register_bench("Bench", f"Hall {number}")
@@ -72,9 +72,9 @@ def test_what_is_due_is_listed_with_its_bench(plant: Plant, tmp_path: Path) -> N
 
 
 def test_due_and_drift_name_the_same_day(plant: Plant, tmp_path: Path) -> None:
-    """A drift of 0.12 % a year leaves ±0.1 % about the last calibration before its year is over.
+    """A drift of 0.12 % a year leaves ±0.1 % about the last calibration within a year.
 
-    0.2.0 held it against the first value ever, and `due` knew nothing of it.
+    Version 0.2.0 compared with the first value of all, and `due` ignored the drift.
     """
     life_of_a_transducer(plant, tmp_path)
     for tolerance, drifts in ((0.1, True), (0.5, False)):
@@ -109,7 +109,7 @@ def test_a_transducer_is_followed_over_its_life_and_benches(plant: Plant, tmp_pa
 def test_a_kind_of_transducer_drifts_as_its_points_say(
     kind: str, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
-    """DuckDB over the Parquet files that the registry lists, on a share and in a store."""
+    """DuckDB reads the Parquet files that the registry lists, on a share and in an object store."""
     share = f"file://{tmp_path}/share"
     url = share if kind == "share" else request.getfixturevalue("bucket") + "-drift"
     socket = request.getfixturevalue("plant_socket")
@@ -138,7 +138,7 @@ def test_a_kind_of_transducer_drifts_as_its_points_say(
 
 
 def production(plant: Plant, tmp_path: Path) -> np.ndarray:
-    """Three benches test 12 specimens each; the last bench finds more, and one specimen is odd."""
+    """Three benches test 12 specimens each; one bench and one specimen deviate."""
     values = 0.8 + 0.02 * np.random.default_rng(5).normal(size=36)
     values[24:] += 0.05
     values[7] = 1.4

@@ -1,4 +1,4 @@
-"""Reducer tests evaluated again from their recordings: the same bits, or what has changed."""
+"""Reducer tests evaluated again from their recordings: same bits, or a list of the changes."""
 
 import json
 from collections.abc import Iterator
@@ -61,7 +61,7 @@ def quick_settings() -> ReducerTestSettings:
 def tested(
     tmp_path_factory: pytest.TempPathFactory, plant_socket: Path
 ) -> Iterator[tuple[Plant, tuple[ReducerTestOutcome, ...]]]:
-    """Every test of a reducer with compensated torques, one of an old version, one changed."""
+    """All reducer tests with compensated torques; one is of an old version, one was changed."""
     place = tmp_path_factory.mktemp("tested")
     (place / "share").mkdir()
     for side in SIDES:
@@ -101,7 +101,7 @@ def tested(
 
 
 def add_other_rule(registry: Registry, outcomes: tuple[ReducerTestOutcome, ...]) -> None:
-    """Enter loops whose results were found by another maker's rule than the recording states."""
+    """Register a loop test whose results follow another maker's rule than its recording states."""
     (loops,) = (each for each in outcomes if each.name == "hysteresis")
     recorded = recording_of(loops)
     assert recorded.reducer.lost_motion_rule != "yaskawa"
@@ -149,7 +149,7 @@ def test_every_test_is_evaluated_again_to_the_last_bit(
 def test_results_that_were_changed_after_sealing_are_found(
     tested: tuple[Plant, tuple[ReducerTestOutcome, ...]],
 ) -> None:
-    """Of a test with a recording, too: its original results are those of its seal."""
+    """This also applies to a test with a recording, because its original results are sealed."""
     plant, outcomes = tested
     run_id = outcomes[0].run.run_id
     found = plant.run(run_id)

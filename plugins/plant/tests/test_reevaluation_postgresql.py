@@ -97,7 +97,7 @@ def test_the_same_version_finds_the_same_again(recorded: Plant) -> None:
 
 @pytest.mark.nightly
 def test_every_scheduler_gives_the_same_bits(recorded: Plant, tmp_path: Path) -> None:
-    """By the command, in this process, in several, and on a cluster that is there already."""
+    """Evaluate by the command in this process, in several processes, and on an existing cluster."""
     plant = ("--plant", recorded.url.render_as_string(hide_password=False))
     with cluster(tmp_path) as address:
         reevaluate(recorded, "serial", label="one")
@@ -164,7 +164,7 @@ if __name__ == "__main__":
 
 @pytest.mark.nightly
 def test_a_run_that_kills_its_worker_does_not_hold_up_the_others(tmp_path: Path) -> None:
-    """In one chunk with others: each is evaluated alone then, and the deadly one has a problem."""
+    """Runs in a lost worker's chunk are evaluated alone; only the faulty run has a problem."""
     script = tmp_path / "deadly.py"
     script.write_text(DEADLY)
     done = subprocess.run(
@@ -199,7 +199,7 @@ def test_what_changed_stands_beside_what_was_found(recorded: Plant) -> None:
 def test_a_folder_that_no_evaluation_expects_holds_up_no_other(
     plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """More runs than a page and a chunk have, one of them with a recording without numbers."""
+    """There are more runs than in a page or chunk; one has a recording without numbers."""
     columns = {
         "name": pa.array(["a"]),
         "shape": pa.array([[1]]),
@@ -249,7 +249,7 @@ def test_a_folder_that_no_evaluation_expects_holds_up_no_other(
 def test_what_lacks_something_says_what(
     kind: str, results: Any, said: str, plant: Plant, tmp_path: Path
 ) -> None:
-    """0.2.0 answered "KeyError: 'budget'" and "StopIteration: "."""
+    """Version 0.2.0 gave the messages "KeyError: 'budget'" and "StopIteration: "."""
     _, link = plant.register_bench("Bench 1")
     with Registry.open(tmp_path / "data") as registry:
         add_run(registry, f"20260105T000000Z-{kind}-0000", kind, results)

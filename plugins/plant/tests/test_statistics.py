@@ -18,7 +18,7 @@ from torquebench_plant.statistics import (
 
 
 def with_moments(mean: float, s: float, count: int) -> np.ndarray:
-    """Return values of exactly this mean and standard deviation."""
+    """Return values with exactly the given mean and standard deviation."""
     x = np.random.default_rng(1).normal(size=count)
     return mean + s * (x - x.mean()) / x.std(ddof=1)
 
@@ -31,7 +31,7 @@ def test_cp_and_its_interval_as_montgomery_has_them() -> None:
 
 
 def test_cpk_and_its_interval_as_montgomery_has_them() -> None:
-    """The same, example 8.5: n = 20, Cpk = 1.33, 95 %: 0.88 to 1.78."""
+    """Montgomery, example 8.5: n = 20, Cpk = 1.33, 95 %: 0.88 to 1.78."""
     found = capability(with_moments(0.0, 1.0, 20), upper=3.99)
     assert found.cpk == pytest.approx(1.33)
     assert found.cpk_interval == pytest.approx((0.88, 1.78), abs=0.01)
@@ -54,7 +54,7 @@ def test_a_common_uncertainty_widens_cpk_and_the_share_of_measuring_is_stated() 
 
 
 def test_the_interval_of_cpk_covers_what_it_says() -> None:
-    """3,000 simulated samples of 40 with Cpk = 1.2: the interval holds it 95 times in 100."""
+    """Of the intervals of 3,000 simulated samples with Cpk = 1.2, 95 % contain 1.2."""
     generator = np.random.default_rng(7)
     held = 0
     for _ in range(3000):
@@ -142,7 +142,7 @@ def test_benches_and_batches_that_stand_out_are_found_and_others_are_not() -> No
 def test_en_against_the_others_is_the_degree_of_equivalence(
     pairs: list[tuple[float, float]],
 ) -> None:
-    """Cox's d/U(d) with the mean of all, whose part of the bench itself is correlated."""
+    """E_n equals Cox's d/U(d) from the mean of all benches, with which the bench is correlated."""
     found = compare_benches([BenchResult(str(k), x, u) for k, (x, u) in enumerate(pairs)])
     for each in found.benches:
         u_d = np.sqrt(each.result.expanded_uncertainty**2 - found.expanded_uncertainty**2)

@@ -1,4 +1,4 @@
-"""A mosquitto broker of the tests' own, and a host application that decodes by itself."""
+"""A mosquitto broker for the tests, and a host application with an independent decoder."""
 
 import json
 import os
@@ -22,7 +22,7 @@ PATIENCE_S = 120.0
 
 
 class Mosquitto:
-    """A broker on a port of its own, which can be killed and started again."""
+    """A broker on a free port, which can be killed and started again."""
 
     def __init__(self, folder: Path, *options: str) -> None:
         with socket.create_server(("127.0.0.1", 0)) as free:
@@ -58,13 +58,13 @@ class Mosquitto:
                 time.sleep(0.02)
 
     def kill(self) -> None:
-        """End it as a power cut does."""
+        """Kill the broker, as by a power cut."""
         assert self._process is not None
         self._process.kill()
         self._process.wait()
 
     def freeze(self) -> None:
-        """Let it read and answer nothing more, with its connections open."""
+        """Stop the broker's process, so that it doesn't answer but its connections stay open."""
         assert self._process is not None
         self._process.send_signal(signal.SIGSTOP)
 
@@ -74,7 +74,7 @@ class Mosquitto:
 
 @dataclass(frozen=True)
 class Seen:
-    """A message as the host got it."""
+    """A message as received by the host."""
 
     topic: str
     payload: Any
@@ -96,7 +96,7 @@ class Seen:
 
 @dataclass
 class Host:
-    """A host application: sees every message in order, decoded by a foreign library."""
+    """A host application that receives all messages in order, decoded by an independent library."""
 
     port: int
     host_id: str = ""
@@ -121,13 +121,13 @@ class Host:
         self._ready.put(True)
 
     def say(self, *, online: bool, host_id: str = "", before_ms: int = 0) -> None:
-        """State whether this host, or another one, is online."""
+        """Publish whether this host, or another host, is online."""
         said = {"online": online, "timestamp": round(time.time() * 1000) - before_ms}
         topic = f"spBv1.0/STATE/{host_id}" if host_id else self._state
         self.client.publish(topic, json.dumps(said), 1, retain=True)
 
     def connected(self) -> None:
-        """Wait until it is subscribed, once more after every connection."""
+        """Wait until the host has subscribed after its latest connection."""
         assert self._ready.get(timeout=PATIENCE_S)
 
     def _take(self, message: mqtt.MQTTMessage) -> None:
@@ -138,7 +138,7 @@ class Host:
         self._new.put(Seen(message.topic, payload, message.qos, bool(message.retain)))
 
     def until(self, condition: Callable[[Seen], bool], patience_s: float = PATIENCE_S) -> Seen:
-        """Wait for a message; what comes before it is kept in `seen`, too."""
+        """Wait for a message; earlier messages are also stored in `seen`."""
         deadline = time.monotonic() + patience_s
         while True:
             try:
@@ -170,7 +170,7 @@ class Host:
 
 @contextmanager
 def broker(folder: Path, *options: str) -> Iterator[Mosquitto]:
-    """Run a broker; it is gone when the block ends."""
+    """Run a broker until the block ends."""
     running = Mosquitto(folder, *options)
     try:
         yield running
@@ -180,7 +180,7 @@ def broker(folder: Path, *options: str) -> Iterator[Mosquitto]:
 
 @contextmanager
 def host(port: int, host_id: str = "") -> Iterator[Host]:
-    """Run a host application; with a name it says that it is online."""
+    """Run a host application; with a name, it publishes that it is online."""
     running = Host(port, host_id)
     try:
         yield running

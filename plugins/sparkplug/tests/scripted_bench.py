@@ -1,4 +1,4 @@
-"""Readings of a bench that a test sets, for the publisher of Sparkplug."""
+"""A bench for the Sparkplug publisher whose readings are set by a test."""
 
 import threading
 import time
@@ -16,7 +16,7 @@ PATIENCE_S = 120.0
 
 @dataclass
 class ScriptedBench:
-    """What is told, and what the publisher says."""
+    """Holds the readings for the publisher, and the publisher's messages."""
 
     values: dict[str, dict[str, Reading]] = field(default_factory=dict)
     alive: bool = True
@@ -34,13 +34,13 @@ class ScriptedBench:
             self.put(device, "Speed/Value", 0.0)
 
     def put(self, device: str, name: str, value: Any, quality: Quality = Quality.GOOD) -> None:
-        """Set a metric as measured now."""
+        """Set a metric's value, measured now."""
         with self._lock:
             now = round(time.time() * 1000)
             self.values.setdefault(device, {})[name] = Reading(value, now, quality)
 
     def read(self) -> Readings:
-        """Return what is set; while it counts, the input's speed is another number each time."""
+        """Return the set readings; while `counting`, the input's speed changes with each call."""
         if self.counting:
             self.counted += 1
             self.put("input", "Speed/Value", float(self.counted))
@@ -50,14 +50,14 @@ class ScriptedBench:
         return Readings(values, self.alive)
 
     def taken(self) -> None:
-        """Wait until the publisher has read what is set, and sent or kept it."""
+        """Wait until the publisher has read the set values, and sent or stored them."""
         enough, deadline = self.reads + 2, time.monotonic() + PATIENCE_S
         while self.reads < enough:
             assert time.monotonic() < deadline
             time.sleep(0.01)
 
     def publisher(self, folder: Path, *brokers: str, **settings: Any) -> Publisher:
-        """Return a publisher of this bench that samples ten times a second."""
+        """Return a publisher that samples this bench ten times a second."""
         known = {"group_id": "Hall 3", "edge_node_id": "Bench 7", "interval_s": 0.1}
         known |= {"reconnect_first_s": 0.1, "reconnect_longest_s": 0.3, "keep_alive_s": 5}
         asked = SparkplugSettings.model_validate({"brokers": brokers} | known | settings)

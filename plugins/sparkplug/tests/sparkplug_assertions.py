@@ -1,6 +1,6 @@
-"""The edge-node assertions of the Sparkplug 3.0.0 specification that don't apply, and why.
+"""The edge-node assertions of the Sparkplug 3.0.0 specification that don't apply, with reasons.
 
-Those that do have a test each in `test_sparkplug_assertions.py`.
+All others have tests in `test_sparkplug_assertions.py`.
 """
 
 _TEMPLATES = "no templates are sent"

@@ -25,7 +25,7 @@ DOCS = Path(__file__).parents[1] / "docs" / "sparkplug.md"
 
 
 def speeds(seen: list[Seen], *, historical: bool | None = None) -> list[tuple[float, int]]:
-    """Return value and time of every speed of the input that a host was told in data."""
+    """Return value and time of every input speed that a host received in data messages."""
     alias = ALIASES["input", "Speed/Value"][0]
     found = [m for each in seen if each.kind == "DDATA" for m in each.payload.metrics]
     return [
@@ -128,7 +128,7 @@ def test_a_retained_or_unreadable_command_does_nothing(tmp_path: Path) -> None:
 
 
 def _certificates(folder: Path) -> None:
-    """Write a certificate authority and a broker's certificate of it."""
+    """Create a certificate authority and a broker's certificate that it has signed."""
     now = datetime.datetime.now(datetime.UTC)
     keys = {name: ec.generate_private_key(ec.SECP256R1()) for name in ("ca", "broker")}
     names = {name: x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, name)]) for name in keys}
@@ -197,7 +197,7 @@ def test_tls_and_a_password(tmp_path: Path) -> None:
 
 
 def run_passwd(users: Path) -> None:
-    """Hash the passwords of a file as mosquitto wants them."""
+    """Hash the passwords of a file for mosquitto."""
     subprocess.run(["mosquitto_passwd", "-U", str(users)], check=True)
 
 

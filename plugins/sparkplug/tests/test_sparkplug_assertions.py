@@ -34,7 +34,7 @@ EARLIEST_MS = 1_700_000_000_000
 
 @dataclass
 class Trace:
-    """What a host has seen of edge nodes, and what the brokers have logged."""
+    """Messages of edge nodes that a host received, and the brokers' logs."""
 
     seen: list[Seen]
     log: str
@@ -46,7 +46,7 @@ class Trace:
         return [each for each in found if device is None or each.device == device]
 
     def sessions(self) -> list[list[Seen]]:
-        """Messages of the node from each birth on, without the deaths of the node."""
+        """Return the node's messages by session, each beginning with a birth, without deaths."""
         found: list[list[Seen]] = []
         for each in self.seen:
             if each.kind == "NBIRTH":
@@ -58,7 +58,7 @@ class Trace:
 
 @pytest.fixture(scope="module")
 def trace(tmp_path_factory: pytest.TempPathFactory) -> Trace:
-    """Birth, 300 records of history, changes, a fault, a lost device, commands, two sessions."""
+    """Record two sessions: births, history, changes, a fault, a lost device, commands."""
     folder = tmp_path_factory.mktemp("sparkplug")
     old = int(time.time() * 1000) - 60_000
     kept = History(folder / "sparkplug.sqlite", 1.0)
@@ -98,7 +98,7 @@ def trace(tmp_path_factory: pytest.TempPathFactory) -> Trace:
 
 @pytest.fixture(scope="module")
 def hosted(tmp_path_factory: pytest.TempPathFactory) -> Trace:
-    """A primary host that isn't there, comes, and goes; then one at the second of two brokers."""
+    """Record a primary host that is absent, online and offline; then one at the second broker."""
     folder = tmp_path_factory.mktemp("hosted")
     bench = ScriptedBench()
     with broker(folder, *LOGGED) as server, host(server.port, "scada") as scada:
@@ -140,7 +140,7 @@ def hosted(tmp_path_factory: pytest.TempPathFactory) -> Trace:
 
 
 def _value(message: Seen, name: str) -> Any:
-    """Return the whole number of a node's metric by its name, from birth or data; else None."""
+    """Return the integer value of a node's metric in a birth or data message; None without it."""
     if message.kind not in ("NBIRTH", "NDATA"):
         return None
     alias = _ALIASES[NODE, name]
@@ -175,7 +175,7 @@ HOSTED: dict[str, Check] = {}
 
 
 def asserts(*names: str, of: dict[str, Check] = CHECKS) -> Callable[[Check], Check]:
-    """Enter a check for assertions; tck-id- is left out."""
+    """Register a check for assertions, given without the prefix tck-id-."""
 
     def enter(check: Check) -> Check:
         for name in names:

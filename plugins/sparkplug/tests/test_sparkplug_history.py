@@ -1,4 +1,4 @@
-"""What waits for a broker is kept in order, bounded, and over a restart."""
+"""Unsent data is stored in order, within a size limit, and over a restart."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Payloads of Sparkplug come back as they were sent, also through a foreign description."""
+"""Sparkplug payloads are decoded as they were encoded, also by an independent description."""
 
 import contextlib
 import struct

@@ -1,4 +1,4 @@
-"""A compensation as calibration curve: what the memory holds is what its residual was stated of."""
+"""A compensation as calibration curve: the stated residual is that of the curve in the memory."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def bridge(low: float = -RANGE_NM, high: float = RANGE_NM, unit: str = "N·m") -
 
 
 def amplifier(sheet: Sheet, share: float) -> float:
-    """Return the torque at a share of the electrical span by a sheet alone."""
+    """Return the torque that a sheet gives at a share of the electrical span."""
     curve = sheet.section(41)
     assert curve is not None
     pieces = [each for each in curve.values["segments"] if each["start_percent"] <= 100.0 * share]
@@ -66,7 +66,7 @@ def test_the_stated_residual_is_that_of_the_memory(table: CompensationTable, seg
 
 @pytest.fixture(scope="module")
 def bent() -> CompensationTable:
-    """A chain whose error changes its slope at zero, as one does that differs by direction."""
+    """A chain whose error has different slopes in the two directions."""
     reading = np.linspace(-RANGE_NM, RANGE_NM, 81)
     torque = reading + np.abs(reading) ** 1.5 / 5e3
     model = make_model("bayesian-network").fit(features(reading), torque)
@@ -74,7 +74,7 @@ def bent() -> CompensationTable:
 
 
 def test_the_room_of_a_memory_is_used_where_it_brings_something(bent: CompensationTable) -> None:
-    """0.2.0 took one segment, whatever room there was."""
+    """Version 0.2.0 always used one segment."""
     span = (-RANGE_NM, RANGE_NM)
     one = fit_curve(bent, span, segments=1)
     for most in (1000, 2000, 4000):

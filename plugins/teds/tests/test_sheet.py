@@ -1,4 +1,4 @@
-"""Data sheets come back from their bits as they were, and a foreign one is understood."""
+"""Data sheets are decoded as they were encoded, and a published sheet is decoded."""
 
 import math
 from typing import Any
