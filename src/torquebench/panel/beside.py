@@ -102,8 +102,8 @@ class PanelService:
         `InputError` if the service couldn't start.
     serve : callable
         Takes the open bench, the settings and a function that prints a note; returns a context
-        manager. The service runs within its block, as long as the panel is served. Its value is the
-        address to print with the panel's, or None.
+        manager. The service runs within its block, as long as the panel is served. It yields the
+        address to print beside the panel's address, or None.
     """
 
     option: str

@@ -233,8 +233,8 @@ def efficiency_tables(
 ) -> list[tuple[tuple[str, ...], list[tuple[str, ...]], str]]:
     """Return an efficiency map as tables with one row per torque and one column per speed.
 
-    If both directions were driven, their means are listed. The U of a row is its largest; the run's
-    ``results.json`` has the U of every point.
+    If both directions were driven, their means are listed. Each row states the largest U of its
+    points; the run's ``results.json`` has the U of every point.
 
     Parameters
     ----------
