@@ -24,6 +24,14 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress
+from tests.support.reducer_truth import (
+    true_back_driving_nm,
+    true_efficiency,
+    true_loop,
+    true_loop_values,
+    true_starting_nm,
+    true_transmission_error,
+)
 
 from benchmarks.reporting import AIMS, Aim, show
 from torquebench.bench.description import BenchDescription, default_bench
@@ -46,14 +54,6 @@ from torquebench.procedures.reducers.setup import WarmUp
 from torquebench.reducers import LOST_MOTION_RULES, ReducerDescription, load_reducer
 from torquebench.station import Station
 from torquebench.twin.reducer import ReducerConstants
-from torquebench.twin.reducer_truth import (
-    true_back_driving_nm,
-    true_efficiency,
-    true_loop,
-    true_loop_values,
-    true_starting_nm,
-    true_transmission_error,
-)
 from torquebench.units import ARCSEC
 
 MODELS = (ModelChoice(RECOMMENDED),)

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.support.reducer_truth import true_loop, true_loop_values
 
 from torquebench.reducers import LoopSettings, evaluate_hysteresis
 from torquebench.twin import BenchTwin, TwinParameters
-from torquebench.twin.reducer_truth import true_loop, true_loop_values
 
 SHARE, INTERVAL = 0.03, (0.5, 0.9)
 
