@@ -364,6 +364,7 @@ class DaqmxCounter(LibraryCounter):
 
     def _available(self, name: str) -> NDArray[np.uint32]:
         def question() -> NDArray[np.uint32]:
+            """Read all samples that the device has."""
             stream = self._tasks[name].in_stream
             present = int(stream.avail_samp_per_chan)
             raw = np.empty(present, dtype=np.uint32)

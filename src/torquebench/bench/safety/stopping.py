@@ -161,7 +161,7 @@ class ReadBack:
         )
 
     def remaining(self, since_s: float, since: float, *, torque: bool) -> list[Remaining]:
-        """Return power and torque of each side, with `torque` False only torque of a drive.
+        """Return whether each side still has power, and its torque; 0 N·m unless `torque` is set.
 
         Readings count as in `at_zero`.
         """

@@ -426,6 +426,7 @@ def _one(rows: Circumstances) -> Circumstances:
 
 
 def _members(used: Sequence[Block], sizes: Sequence[int]) -> dict[str, NDArray[np.intp]]:
+    """Return the columns of each block of coefficients, where blocks stand side by side."""
     ends = np.cumsum(sizes)
     return {
         block.name: np.arange(end - size, end)

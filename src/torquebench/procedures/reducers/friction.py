@@ -205,6 +205,7 @@ def _sweep(
 def _point(
     devices: BenchDevices, settings: FrictionSettings, point: FrictionPoint
 ) -> Plan[Mapping[str, Any]]:
+    """Turn the input at a point's speed, and return the values of its steady torque."""
     module = devices.input
     yield from prepare(module.steady, settings.steady(point.speed_rpm), wait=True)
     stamp = Point(series=point.series, step=point.number, branch=point.branch, group=point.repeat)
