@@ -83,14 +83,14 @@ def _whole(value: Any) -> Any:
     return value
 
 
-def _in_words(moment: Any) -> Any:
+def _written_time(moment: Any) -> Any:
     """Refuse times in seconds since 1970, which are probably typing mistakes."""
     if not re.match(r"\d{4}-\d{2}-\d{2}[T ]", str(moment)):
         raise ValueError("a time such as 2026-01-31T12:00:00Z")
     return moment
 
 
-def _day_in_words(day: Any) -> Any:
+def _written_day(day: Any) -> Any:
     """Refuse days in seconds since 1970."""
     if not re.fullmatch(r"\d{4}-\d{2}-\d{2}", str(day)):
         raise ValueError("a day such as 2026-01-31")
@@ -156,10 +156,10 @@ Calibration: TypeAlias = Annotated[
 ]
 """Name of a registered calibration, or its number."""
 Moment: TypeAlias = Annotated[
-    AwareDatetime, BeforeValidator(_in_words), AfterValidator(_of_our_time)
+    AwareDatetime, BeforeValidator(_written_time), AfterValidator(_of_our_time)
 ]
 """Time with its time zone, as text."""
-Day: TypeAlias = Annotated[date, BeforeValidator(_day_in_words)]
+Day: TypeAlias = Annotated[date, BeforeValidator(_written_day)]
 """Day as text."""
 Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=500)]
 """Name of a profile or a reducer; the place determines which exist."""

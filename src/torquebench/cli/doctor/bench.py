@@ -66,6 +66,7 @@ def instruments(description: BenchDescription, data: Path) -> Iterator[Finding]:
 
 
 def _connected(description: BenchDescription, data: Path) -> Iterator[Finding]:
+    """Yield for each instrument of the bench whether it answers, and as which device."""
     if description.bench.driver != "instruments":
         with _opened(description, data) as drivers:
             for identity in drivers.identities():

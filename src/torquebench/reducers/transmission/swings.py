@@ -292,6 +292,7 @@ def _mean_slope(swings: tuple[Swing, ...], low: float, high: float) -> float:
 
 
 def _over_strokes(values: Floats, noise: float, common: Sequence[BudgetLine]) -> Budget:
+    """Return the mean of differences between strokes, rad, as a budget in arcmin."""
     # Neighbouring differences share a stroke, so that their correlation is one half.
     count = values.size
     centred = np.eye(count) - 1.0 / count
