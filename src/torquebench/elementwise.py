@@ -1,7 +1,8 @@
-"""Formulas for arrays that cost one number little: a live block has one window.
+"""Functions for formulas that are fast both for many readings and for one, as in a live block.
 
 A call of NumPy takes as long as some thirty operations of Python's floats. A formula that takes its
-functions from `elementwise` serves many readings as arrays and one as floats, with the same bits.
+functions from `elementwise` calculates many readings as arrays and a single one as floats, with
+identical results.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ FloatArray = NDArray[np.float64]
 
 
 class _Floats:
-    """NumPy's functions of the same names, of one number; the first argument may be NaN."""
+    """Versions of NumPy's functions for single floats; the first argument may be NaN."""
 
     any = staticmethod(bool)
     copysign = staticmethod(math.copysign)
@@ -44,7 +45,7 @@ _FLOATS = _Floats()
 
 
 def elementwise(count: int, *values: FloatArray | float | None) -> tuple[Any, list[Any]]:
-    """Return functions of arrays, or of floats for a single reading, and the values for them.
+    """Return functions for arrays, or for floats if there is a single reading, and their arguments.
 
     Parameters
     ----------
@@ -81,9 +82,9 @@ def in_rows(count: int, *values: FloatArray | float) -> FloatArray:
 
 
 class Place(NamedTuple):
-    """Positions of values between nodes: the nodes around them, and the share of the way between.
+    """Positions of values between nodes: both adjacent nodes, and the share of the interval.
 
-    Integers and a float for one value, arrays for many.
+    The members are two integers and a float for one value, arrays for many.
     """
 
     below: Any
@@ -108,7 +109,7 @@ def located(nodes: FloatArray, values: FloatArray | float) -> Place:
 
 
 def on_lines(curves: FloatArray, place: Place) -> Any:
-    """Return the values of curves, which have a row each: a list for one place, rows for many."""
+    """Interpolate curves, one in each row; return a list for one place, rows for many."""
     below, above, share = place
     if isinstance(below, int):
         lines = curves[:, below : above + 1].tolist()
@@ -118,7 +119,7 @@ def on_lines(curves: FloatArray, place: Place) -> Any:
 
 
 def on_tables(tables: FloatArray, row: Place, column: Place) -> Any:
-    """Return the values of tables, which come one after the other, as `on_lines` does."""
+    """Interpolate tables along their rows and columns; return values as `on_lines` does."""
     (i, j, share), (left, right, part) = row, column
     if isinstance(i, int) and isinstance(left, int):
         cells = tables[:, i : j + 1, left : right + 1].tolist()

@@ -530,7 +530,7 @@ class _Explanation:
     """Prior standard deviations of the changes, in units of the scatter."""
 
     def columns(self, u: FloatArray) -> FloatArray:
-        """Return what the change adds at readings u, by its size in prior standard deviations.
+        """Return the change of the error at readings u for a size of one prior standard deviation.
 
         Shape (n, 1), or (n, 2) where zero and scale change together.
         """

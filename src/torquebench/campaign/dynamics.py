@@ -123,10 +123,10 @@ def identify_dynamics(
     bandwidth_hz : float, optional
         Wanted bandwidth, see `design_inverse`.
     interval_s : float, optional
-        Between the readings that are to be filtered; that of the runs by default, and for runs of
-        `turn` what the bandwidth needs.
+        Time between the readings that are to be filtered; by default that of the runs, and for runs
+        of `turn` the longest round one that allows the bandwidth.
     motor : MotorInertia, optional
-        For runs of `turn`; from their tables by default.
+        Moment of inertia of the motor for runs of `turn`; from their tables by default.
 
     Raises
     ------

@@ -38,7 +38,7 @@ class DenseSweep:
     true_torque_nm : float64[n]
         True torque at the reducer's flange in path order, N·m.
     reading_nm : float64[n]
-        The chain's reading there without noise, N·m.
+        The chain's reading without noise at each torque, N·m.
     branch : int8[n]
         +1 where the magnitude of the torque grows, -1 where it falls.
     """

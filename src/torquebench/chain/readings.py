@@ -132,7 +132,7 @@ def known_or(value: Known, otherwise: float) -> FloatArray:
 
 
 def unknown(value: Known) -> NDArray[np.bool_] | bool:
-    """Return where a quantity isn't measured: for each reading, or for all where it is one value.
+    """Return whether a quantity is unknown: for each reading, or once if it is one value.
 
     Examples
     --------

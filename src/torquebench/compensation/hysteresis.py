@@ -76,7 +76,7 @@ _ONE_BY_ONE = 48
 def _places(
     reading: FloatArray, widths: FloatArray, start: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return readings and play positions from two starts, both in columns of chunks.
+    """Return readings, and play positions for two initial positions, both in columns of chunks.
 
     A reading clamps a position to its own value ± the width. Successive clamps combine to one
     clamp, so that chunks of readings are evaluated in parallel: the clamps of each chunk are
@@ -291,7 +291,7 @@ class BranchTracker:
     Parameters
     ----------
     operators : sequence of HysteresisOperator
-        For one range and path.
+        Operators of the same range and path.
 
     Examples
     --------
@@ -350,7 +350,7 @@ class BranchTracker:
         return low, high
 
     def follow(self, reading_nm: FloatArray) -> FloatArray:
-        """Move along readings; return each operator's largest and smallest state there.
+        """Update the state by readings; return each operator's largest and smallest possible state.
 
         The shape is (operators, 2, n).
         """
@@ -365,7 +365,8 @@ class BranchTracker:
             part = reading_nm[start : start + _AT_ONCE]
             columns, places = _places(part, self._widths, self._bounds)
             terms = self._weights * (columns[:, None, None] - places) / self._widths[:, None]
-            # along an axis that isn't the last one: one by one, however many readings there are
+            # not along the last axis, where NumPy's order of addition depends on the number of
+            # readings
             total = np.add.reduce(terms, axis=2)
             in_order = total.transpose(0, 2, 3, 1).reshape(*states.shape[:2], -1)
             states[:, :, start : start + part.size] = in_order[:, :, : part.size]
@@ -481,7 +482,7 @@ class HistoryCompensator:
 def _in_loop(
     number: Any, states: Sequence[Any], falling: Any, rising: Any
 ) -> tuple[list[Any], list[Any]]:
-    """Return the shares of the way from the falling to the rising state, and what is beyond both.
+    """Return each state's position from falling (0) to rising (1), and its excess beyond both.
 
     Parameters
     ----------

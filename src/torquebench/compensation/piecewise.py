@@ -189,7 +189,7 @@ class PiecewisePolynomial:
         return held, interval, location - interval - 0.5
 
     def _in_interval(self, reading: Any, row: Any, place: Any) -> Any:
-        """Return the values of readings whose polynomials stand in rows of the branches' table."""
+        """Return the values of readings by the polynomials in the given rows of the table."""
         powers: Any = self._table.take(row, axis=0).T
         if isinstance(place, float):
             powers = powers.tolist()

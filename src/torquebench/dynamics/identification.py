@@ -104,7 +104,9 @@ def identify(runs: Sequence[Known], window_s: float = 0.0) -> TransferFunction:
     from scipy.optimize import least_squares
 
     if not runs:
-        raise InputError("no run with a known torque", "one at least: steps or sines")
+        raise InputError(
+            "no run with a known torque", "at least one run with steps or sines of a known torque"
+        )
     prepared = [_prepare(run) for run in runs]
     nyquist_hz = 0.5 / runs[0].interval_s
     if any(abs(run.interval_s / runs[0].interval_s - 1.0) > _UNEVEN for run in runs):

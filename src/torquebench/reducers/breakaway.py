@@ -429,7 +429,7 @@ def evaluate_breakaway(
     row : array of int, shape (n,), optional
         Number of each sample in its file, for messages.
     keep_outliers : bool
-        Evaluate single samples far from their neighbours with the others.
+        Whether single samples far from their neighbours are evaluated, too.
 
     Raises
     ------

@@ -77,13 +77,13 @@ class DataSheetLimits(_Settings):
     stiffness_nm_per_arcmin : float or None
         Smallest torsional stiffness over the stiffness interval, N·m/arcmin.
     backlash_arcmin, lost_motion_arcmin : float or None
-        Largest, arcmin.
+        Largest backlash and lost motion, arcmin.
     hysteresis_loss_j : float or None
         Largest loop energy of a cycle to the rated torque, J.
     no_load : tuple of NoLoadLimit
         Largest no-load running torques.
     starting_torque_nm, back_driving_torque_nm : float or None
-        Largest, N·m at the input and at the output.
+        Largest starting torque at the input and back-driving torque at the output, N·m.
     transmission_error_arcsec : float or None
         Largest peak-to-peak transmission error over an output revolution, arcsec.
     efficiency : tuple of EfficiencyLimit
@@ -200,7 +200,7 @@ def load_reducer(name_or_path: str | Path) -> ReducerDescription:
     Raises
     ------
     InputError
-        Where there is none, or a key is missing, unknown or has an impossible value.
+        There is no such description, or a key is missing, unknown or has an impossible value.
 
     Examples
     --------

@@ -48,7 +48,7 @@ class OpcUaOptions(ServerOptions, AmplifierOptions):
 
 
 class ProbeOptions(ServerOptions):
-    """Variables by probe, °C."""
+    """OPC UA variable for the temperature of each probe, °C."""
 
     probes: Mapping[str, NodeText] = Field(min_length=1)
     timeout_s: TimeOut = ANSWER_S

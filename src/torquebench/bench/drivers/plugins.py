@@ -1,7 +1,7 @@
 """The available protocols, and the conversion of a section of `[driver]` to an instrument.
 
 A protocol is a `DriverPlugin`: its name and one opener for each role. Built-in protocols are loaded
-when a bench description names them. Another package adds one by an entry point in the group
+when a bench description names them. Another package adds a protocol by an entry point in the group
 `torquebench.drivers` that gives a `DriverPlugin`.
 """
 

@@ -47,7 +47,7 @@ def rehearse_reducer_test(
     InputError
         There is no test of this name.
     LimitError, InterlockError
-        The data sheet or the bench doesn't allow it.
+        The limits of the data sheet or the state of the bench don't allow the test.
     ModelMismatchError
         The output would be loaded beyond the calibrated torque of its active model.
     """

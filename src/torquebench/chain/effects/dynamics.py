@@ -258,7 +258,7 @@ class _FollowedDynamics(_AppliedDynamics):
 
 
 def _goes_on(time_s: FloatArray, before_s: float, interval_s: float, allowed_s: float) -> bool:
-    """Return whether times follow an earlier one, and each other, at an interval."""
+    """Return whether times continue an earlier time at a constant interval."""
     for time in time_s.tolist():
         if not abs(time - before_s - interval_s) <= allowed_s:
             return False

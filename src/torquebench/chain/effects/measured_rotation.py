@@ -135,7 +135,7 @@ class MeasuredRotation(Effect):
 
     @cached_property
     def _columns(self) -> FloatArray:
-        """Span over speed, running-in, each followed by its u, and the noise."""
+        """Rows over speed: span and its u, running-in and its u, noise."""
         columns = (self.span, self.span_uncertainty, self.running_in_nm,
                    self.running_in_uncertainty_nm, self.noise_nm)  # fmt: skip
         return np.array([column or np.zeros(len(self.speeds_rpm)) for column in columns])
@@ -226,10 +226,11 @@ class MeasuredRotation(Effect):
         return tuple(parts)
 
     def _contributions(self, readings: Readings, torque_nm: FloatArray) -> FloatArray:
-        """Return rows of zero and drag (u, correction), lubrication, noise, running-in, and place.
+        """Return one row for each contribution to the torque, and the place.
 
-        Of the lubrication it is u, of the running-in the drag at time 0 and its u. The place over
-        speed and temperature is in correlation lengths.
+        The rows are u and correction of the zero, u and correction of the drag, u by the
+        lubrication, the noise, the running-in's drag at time 0 and its u, and the place over speed
+        and temperature in correlation lengths.
         """
         count, window_s = torque_nm.size, readings.window_s
         number, (speed, celsius, torque) = elementwise(
@@ -287,7 +288,7 @@ class MeasuredRotation(Effect):
     def _over_all_speeds(self, number: Any, torque: Any, column: Place | None) -> tuple[Any, ...]:
         """Return zero, drag and lubrication at an unknown speed, and u of the running-in.
 
-        Corrections are 0 there; the uncertainties are over all measured speeds.
+        Corrections are then 0, and the uncertainties hold for all measured speeds.
         """
         zero_u, drag_u, span_u, running_u, most = self._at_unknown_speed.tolist()
         span_u = span_u * torque

@@ -150,7 +150,7 @@ class MeasuredTemperature(Effect):
     def _contributions(self, now_c: Known, zeroed_c: Known, torque_nm: FloatArray) -> FloatArray:
         """Return rows: u of the zero, its correction, u of the span, its correction, place, slope.
 
-        The place is in correlation lengths, the slope that of the reading, N·m/K.
+        The place is a temperature in correlation lengths; the slope is that of the reading, N·m/K.
         """
         before_c = known_or(zeroed_c, self.calibrated_c)
         number, (now, zeroed, torque) = elementwise(torque_nm.size, now_c, before_c, torque_nm)

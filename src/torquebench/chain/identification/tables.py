@@ -146,7 +146,7 @@ def _corrected(calibration: TurningCalibration, effects: Sequence[Effect]) -> Fl
 
 @dataclass(frozen=True, eq=False)
 class _Data:
-    """Rows of calibration and empty runs in units of the fit, and what they identify."""
+    """Rows of calibration and empty runs in units of the fit, and the identified effects."""
 
     range_nm: float
     calibrated_c: float

@@ -24,7 +24,8 @@ from torquebench.reducers.quantities import Finding
 
 Floats = NDArray[np.float64]
 TOLERANCE, SAME_VALUE = 0.005, 0.05
-"""Largest range of the speeds of one step, as a share of the largest speed and of their own."""
+"""Largest range of speeds within one step, as shares of the largest speed and of the step's
+speed."""
 RAMP_PARTS = 45
 AT_REST = 0.01
 """Share of the largest speed below which a log's shaft is at rest."""

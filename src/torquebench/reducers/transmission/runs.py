@@ -227,7 +227,7 @@ def check_return(run: Run, ratio: float) -> None:
 
 
 def _after_a_turn(run: Run, ratio: float) -> tuple[Floats, float]:
-    """Return means of the error's difference over one turn, in parts, and their standard error."""
+    """Return block means of the error's change after one turn, and their standard error."""
     angle, error = run.angle_rad, run.error_rad
     noise = noise_of(error)
     last = float(angle[-1]) - TURN
