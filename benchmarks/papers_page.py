@@ -112,7 +112,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     chosen = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
         reports = [(chosen.out or Path(folder)) / f"papers.{kind}" for kind in ("html", "pdf")]
-        page = papers(reports, data=chosen.data)
+        page = papers(reports, data=chosen.data).page()
     page = dataclasses.replace(page, subtitle=INTRODUCTION + page.subtitle)
     with tempfile.TemporaryDirectory() as folder:
         text = markdown(page, IMAGES if chosen.write else Path(folder))

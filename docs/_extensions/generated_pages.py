@@ -3,7 +3,7 @@
 import importlib
 import inspect
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from datetime import date
 from pathlib import Path
@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import BaseModel
 from sphinx.util import logging
 
-from torquebench.cli.answers import ANSWERS, WITHOUT_ANSWER, Record, dataclass_of
+from torquebench.cli.output_options import RESULTS, WITHOUT_RESULT
 from torquebench.operations.result import ArrayOf
 
 PYTHON = {
@@ -124,7 +124,7 @@ def _operations() -> str:
             stated = "required" if each.required else f"`{default}`" if default != "" else ""
             lines.append(f"| `{each.name}` | {stated} | {limits} | {_cell(each.help)} |")
         lines.append("")
-    for result, kinds in _results().items():
+    for result, kinds in _results(each.result for each in OPERATIONS.values()).items():
         lines += ["", f"({_anchor(result)})=", f"## {result.__name__}", ""]
         lines += [(inspect.getdoc(result) or "").split("\n")[0], ""]
         lines += ["| key | value |", "| --- | --- |"] if kinds else []
@@ -132,12 +132,12 @@ def _operations() -> str:
     return "\n".join(lines) + "\n"
 
 
-def _results() -> dict[Any, dict[str, Any]]:
-    """Return the results of operations and the dataclasses in them, with their keys' kinds."""
-    from torquebench.operations import OPERATIONS, Result
+def _results(kinds: Iterable[Any]) -> dict[Any, dict[str, Any]]:
+    """Return results and the dataclasses in them, with their keys' kinds."""
+    from torquebench.operations import Result
 
     common = {each.name for each in fields(Result)}
-    waiting: list[Any] = [each.result for each in OPERATIONS.values()]
+    waiting: list[Any] = list(kinds)
     results: dict[Any, dict[str, Any]] = {}
     for result in waiting:  # grows by the dataclasses inside
         if result in results:
@@ -154,6 +154,10 @@ def _results() -> dict[Any, dict[str, Any]]:
 
 
 def _answers() -> str:
+    from torquebench.cli import whole_command
+    from torquebench.cli.measure import MeasuredInterval
+    from torquebench.operations import OPERATIONS, Result
+
     lines = [
         "# Answers in JSON",
         "",
@@ -164,75 +168,58 @@ def _answers() -> str:
         "| `torquebench` | version |",
         "| `command` | the command, such as `records list` |",
         "| `exit_code` | one of the [exit codes](../reference/commands.md#exit-codes) |",
-        "| `answer` | the table below; what was known before an error |",
+        "| `answer` | the table below; empty after an error |",
         "| `warnings` | list of text |",
         "| `error` | null, or `found`, `allowed` and `do` |",
         "",
         "Names end with their unit. `null`: not known, or there is none. Times are",
-        "ISO 8601. Keys marked “if” are there only where an option or the result brings them.",
+        "ISO 8601. Every answer has "
+        + ", ".join(f"`{each.name}`" for each in fields(Result))
+        + ";",
+        "those of [operations](operations.md) are listed there. `measure` prints a line of its own",
+        "for each interval before, with `line` in the place of `answer`.",
         "",
     ]
-    lines += [f"`{name}` has no `--json`: it {why}." for name, why in WITHOUT_ANSWER.items()]
+    whole_command()  # loads all commands
+    lines += [f"`{name}` has no `--json`: it {why}." for name, why in WITHOUT_RESULT.items()]
     names: dict[Any, list[str]] = {}
-    for command, records in ANSWERS.items():
-        for record in records:
-            names.setdefault(record, []).append(f"`{command}`")
-    parts, elsewhere = list(names), _results()
-    for part in parts:  # grows by the parts of its parts
-        for kind in _inside(list(_kinds(part).values())):
-            if kind not in parts and kind not in elsewhere:
-                parts.append(kind)
-    for part in parts:
-        about = part.about if isinstance(part, Record) else inspect.getdoc(part).split("\n")[0]
-        heading = ": ".join(each for each in (", ".join(names.get(part, ())), about) if each)
-        lines += ["", f"({_anchor(part)})=", f"## {heading.rstrip('.')}", ""]
-        lines += ["| key | value | |", "| --- | --- | --- |"]
-        sometimes = part.sometimes if isinstance(part, Record) else ()
-        for key, kind in _kinds(part).items():
-            lines.append(f"| `{key}` | {_shape(kind)} | {'if' if key in sometimes else ''} |")
+    for command, kind in RESULTS.items():
+        names.setdefault(kind, []).append(f"`{command}`")
+    listed = _results(each.result for each in OPERATIONS.values())
+    for result, kinds in _results([*names, MeasuredInterval]).items():
+        if result in listed:
+            continue
+        about = (inspect.getdoc(result) or "").split("\n")[0]
+        heading = ": ".join(each for each in (", ".join(names.get(result, ())), about) if each)
+        lines += ["", f"({_anchor(result)})=", f"## {heading.rstrip('.')}", ""]
+        lines += ["| key | value |", "| --- | --- |"] if kinds else []
+        lines += [f"| `{key}` | {_shape(kind)} |" for key, kind in kinds.items()]
     return "\n".join(lines) + "\n"
 
 
-def _kinds(part: Any) -> dict[str, Any]:
-    """Return the kind of every key of a record, or of a dataclass."""
-    record = part if isinstance(part, Record) else Record("", f"{part.__module__}:{part.__name__}")
-    return record.kinds()
-
-
 def _anchor(part: Any) -> str:
-    about = part.about if isinstance(part, Record) else f"{part.__module__} {part.__name__}"
+    about = f"{part.__module__} {part.__name__}"
     return "answer-" + re.sub(r"\W+", "-", about.lower()).strip("-")
 
 
 def _inside(kind: Any) -> Iterator[Any]:
-    """Yield the records and dataclasses that a kind is made of."""
-    if isinstance(kind, str):
-        kind = dataclass_of(kind)
-    if isinstance(kind, Record) or is_dataclass(kind):
+    """Yield the dataclasses that a kind is made of."""
+    if is_dataclass(kind):
         yield kind
     if get_origin(kind) is Literal:
         return
-    below = kind if isinstance(kind, list) else get_args(kind)
-    if get_origin(kind) is Annotated:
-        below = below[:1]
-    for each in kind.values() if isinstance(kind, dict) else below:
+    below = get_args(kind)
+    for each in below[:1] if get_origin(kind) is Annotated else below:
         yield from _inside(each)
 
 
 def _shape(kind: Any) -> str:
-    if isinstance(kind, str):
-        kind = dataclass_of(kind)
-    if isinstance(kind, Record) or is_dataclass(kind):
-        about = kind.about if isinstance(kind, Record) else kind.__name__
-        return f"[{about.rstrip('.')}](#{_anchor(kind)})"
+    if is_dataclass(kind):
+        return f"[{kind.__name__}](#{_anchor(kind)})"
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Annotated:  # numbers of any kind of sequence, by their schema
         arrays = (each.kind for each in parts[1:] if isinstance(each, ArrayOf))
         return next((f"list of {kind}" for kind in arrays), _shape(parts[0]))
-    if isinstance(kind, list):
-        return f"list of {_shape(kind[0])}"
-    if isinstance(kind, dict):
-        return f"object of {_shape(kind[str])}"
     if origin in (list, tuple, Sequence):
         return f"list of {_shape(parts[0])}"
     if origin in (dict, Mapping):

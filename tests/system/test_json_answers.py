@@ -1,21 +1,17 @@
-"""Commands print the JSON that operations, `cli.answers` and the documentation promise."""
+"""Commands print the JSON that the types of their results and the documentation promise."""
 
-import inspect
 import json
 import shutil
-from collections.abc import Mapping
-from dataclasses import is_dataclass
-from datetime import date
-from enum import Enum
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Any
 
 import jsonschema  # type: ignore[import-untyped]
 import pytest
 from tests.system.command_line import run
 
-from torquebench.cli.answers import ANSWERS, MEASURED_LINE, Record, dataclass_of
+from torquebench.cli import whole_command
+from torquebench.cli.measure import MeasuredInterval
+from torquebench.cli.output_options import RESULTS
 from torquebench.operations import OPERATIONS, Preview, json_schemas
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -25,46 +21,22 @@ LOOPS = EXAMPLES / "loops-rv-40e.csv"
 READINGS = EXAMPLES / "readings-output.csv"
 
 
+whole_command()  # fills the types of results
+
+
 def named(arguments: tuple[object, ...]) -> str:
     words = [str(each) for each in arguments]
-    known = {*ANSWERS, *OPERATIONS}
+    known = {*RESULTS, *OPERATIONS}
     return next(" ".join(words[:k]) for k in (1, 2) if " ".join(words[:k]) in known)
 
 
-def misfits(value: Any, kind: Any, where: str) -> list[str]:
-    """Return where a value differs from its declaration: a record, a kind of it, or several."""
-    if isinstance(kind, str):
-        kind = dataclass_of(kind)
-    if isinstance(kind, tuple):
-        return min((misfits(value, each, where) for each in kind), key=len)
-    if get_origin(kind) in (Union, UnionType):
-        return misfits(value, get_args(kind), where)
-    if is_dataclass(kind) and inspect.isclass(kind):
-        kind = Record("", f"{kind.__module__}:{kind.__name__}")
-    if isinstance(kind, Record):
-        if not isinstance(value, dict):
-            return [f"{where}: no object"]
-        kinds = kind.kinds()
-        wrong = [f"{where}.{name}: not declared" for name in value.keys() - kinds.keys()]
-        missing = kinds.keys() - value.keys() - kind.sometimes.keys()
-        wrong += [f"{where}.{name}: missing" for name in missing]
-        for name in value.keys() & kinds.keys():
-            wrong += misfits(value[name], kinds[name], f"{where}.{name}")
-        return wrong
-    if isinstance(kind, list) or get_origin(kind) in (list, tuple):
-        if not isinstance(value, list):
-            return [f"{where}: no list"]
-        inside = kind[0] if isinstance(kind, list) else get_args(kind)[0]
-        return [each for item in value for each in misfits(item, inside, f"{where}[]")]
-    if isinstance(kind, dict) or get_origin(kind) in (dict, Mapping):
-        inside = kind[str] if isinstance(kind, dict) else get_args(kind)[1]
-        return [e for item in value.values() for e in misfits(item, inside, where)]
-    if get_origin(kind) is Literal or (inspect.isclass(kind) and issubclass(kind, date | Enum)):
-        kind = str
-    allowed = {float: (float, int), NoneType: NoneType, Any: object}.get(kind, kind)
-    fits = isinstance(value, allowed) and not (kind is float and isinstance(value, bool))
-    # a number that isn't finite is null in JSON
-    return [] if fits or (kind is float and value is None) else [f"{where}: {value!r} isn't {kind}"]
+def misfits(value: Any, kind: Any) -> list[str]:
+    """Return where a value differs from the schema of its type."""
+    schema, parts = json_schemas([kind])
+    whole = {**schema[kind], "components": {"schemas": parts}}
+    validator = jsonschema.Draft202012Validator(whole)
+    unknown = value.keys() - parts[kind.__name__]["properties"].keys()
+    return [*(f"{name}: not declared" for name in unknown), *map(str, validator.iter_errors(value))]
 
 
 def checked(arguments: tuple[object, ...], text: str) -> dict[str, Any]:
@@ -73,15 +45,10 @@ def checked(arguments: tuple[object, ...], text: str) -> dict[str, Any]:
     name = named(arguments)
     assert written["command"] == name
     assert written["error"] is None
-    if name in ANSWERS:
-        assert misfits(written["answer"], ANSWERS[name], "answer") == []
-        return written["answer"]
-    kind = Preview if "--dry-run" in arguments else OPERATIONS[name].result
-    schema, parts = json_schemas([kind])
-    whole = {**schema[kind], "components": {"schemas": parts}}
-    jsonschema.Draft202012Validator(whole).validate(written["answer"])
-    assert not written["answer"].keys() - parts[kind.__name__]["properties"].keys()
-    return written["answer"]
+    kind = RESULTS.get(name) or OPERATIONS[name].result
+    assert misfits(written["answer"], Preview if "--dry-run" in arguments else kind) == []
+    answer: dict[str, Any] = written["answer"]
+    return answer
 
 
 def in_records(folder: Path, arguments: tuple[object, ...]) -> tuple[object, ...]:
@@ -171,7 +138,7 @@ def test_measured_lines_come_one_by_one(records: Path) -> None:
     assert done.returncode == 0, done.stderr
     *lines, last = done.stdout.splitlines()
     printed = [json.loads(line)["line"] for line in lines]
-    assert [misfits(line, MEASURED_LINE, "line") for line in printed] == [[], []]
+    assert [misfits(line, MeasuredInterval) for line in printed] == [[], []]
     assert json.loads(lines[0])["line"]["output"]["state"] == "compensated"
     assert checked(("measure",), last)["lines"] == 2
 

@@ -18,7 +18,7 @@ from tests.unit.chain.test_turning_chains import (
 )
 
 from torquebench.chain import Reference, load_chain
-from torquebench.cli.answers import ANSWERS
+from torquebench.cli.evaluate.lubrication import EvaluatedLubrication
 from torquebench.units import RAD_S_PER_RPM
 
 RUNS = (12.0, 23.0, 38.0)
@@ -118,7 +118,7 @@ def test_a_new_lubricant_is_a_factor_on_the_drag(folder: Path, fitted: str) -> N
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
     answer = json.loads(result.stdout)["answer"]
-    assert misfits(answer, ANSWERS["evaluate lubrication"], "answer") == []
+    assert misfits(answer, EvaluatedLubrication) == []
     factor = answer["factor"]
     assert abs(factor["value"] - 1.0) < factor["expanded_uncertainty"] < 0.3
     assert answer["record"].endswith("by 23.csv (grease K)")

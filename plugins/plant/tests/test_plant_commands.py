@@ -13,8 +13,7 @@ from tests.system import command_line
 from tests.system.command_line import widest_line
 from tests.system.test_json_answers import misfits
 
-import torquebench_plant.cli  # noqa: F401 - adds its answers
-from torquebench.cli.answers import ANSWERS
+from torquebench.cli.output_options import RESULTS
 from torquebench.records import Registry
 
 if postgresql_server.binaries() is None and not os.environ.get("CI"):
@@ -43,7 +42,7 @@ def folder(server: postgresql_server.Server, tmp_path: Path) -> Path:
         done = run("plant", "register", name, *options)
         assert done.returncode == 0, done.stderr
         answer = json.loads(done.stdout)["answer"]
-        assert misfits(answer, ANSWERS["plant register"], "answer") == []
+        assert misfits(answer, RESULTS["plant register"]) == []
         number = answer["benches"][0]["number"]
         (tmp_path / f"url-{number}").write_text(answer["benches"][0]["url"])
         filled(tmp_path / f"data-{number}", prefix=f"S{number}")
@@ -66,7 +65,7 @@ def test_benches_send_and_the_plant_lists(server: postgresql_server.Server, fold
         assert done.returncode == 0, done.stderr
         assert widest_line(done.stdout) <= 80
         said = json.loads(run("plant", *command, "--json", "--plant", server.url).stdout)
-        assert misfits(said["answer"], ANSWERS[f"plant {command[0]}"], "answer") == []
+        assert misfits(said["answer"], RESULTS[f"plant {command[0]}"]) == []
     questions = (
         ("due",),
         ("drift", "T-1"),
@@ -82,7 +81,7 @@ def test_benches_send_and_the_plant_lists(server: postgresql_server.Server, fold
         assert widest_line(done.stdout) <= 80
         assert (folder / "a.csv").read_text().partition(",")[0].isidentifier()
     said = json.loads(run("plant", *words, "--json", "--plant", server.url).stdout)
-    assert misfits(said["answer"], ANSWERS["plant drift"], "answer") == []
+    assert misfits(said["answer"], RESULTS["plant drift"]) == []
     listed = run("plant", "runs", "--bench", 2, "--kind", "test-hysteresis", "--plant", server.url)
     assert "3 runs" in listed.stdout
     assert "S2-1" in listed.stdout

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import typer
 
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
-from torquebench.cli.terminal.console import answer, narrow_table, out, say
+from torquebench.message import Message
+from torquebench.operations.result import Result
+from torquebench.reports.page import Page, Section, Table
 
 __all__ = ["audit"]
 
@@ -28,6 +32,21 @@ SHOWN_ELSEWHERE = (
 )
 
 
+@dataclass(frozen=True, kw_only=True)
+class AuditLines(Result):
+    """Lines of the audit log as they are written in its files; `earlier` ones aren't in `lines`."""
+
+    lines: Sequence[Mapping[str, Any]]
+    earlier: int
+
+    def page(self) -> Page:
+        """Return its description."""
+        table = Table(
+            ("time (UTC)", "bench s", "by", "what"), [_cells(each) for each in self.lines]
+        )
+        return Page("Audit log", "", [Section("", "", [table] * bool(self.lines))])
+
+
 def audit(
     run: Annotated[
         str | None,
@@ -40,7 +59,7 @@ def audit(
         bool, typer.Option("--alarms", help="Only alarms and acknowledgements.")
     ] = False,
     data: DataOption = DEFAULT_DATA,
-) -> None:
+) -> AuditLines:
     """Show the audit log: every command to drives, modes and clamp, alarms, runs.
 
     Each line is bound to bench, run and operator. The files are JSON lines: audit/audit.jsonl in
@@ -56,34 +75,33 @@ def audit(
         with Registry.open(folder) as registry:
             path = find_run(registry, run).folder / AUDIT_FILE
     lines = [line for line in read_audit(path) if not alarms or "alarm" in str(line.get("event"))]
-    answer(lines=lines[-limit:], earlier=max(len(lines) - limit, 0))
+    earlier = max(len(lines) - limit, 0)
+    headline = Message("{count} lines.", len(lines))
     if not lines:
-        say(f"no {'alarm' if alarms else 'line'} in {path}")
-        return
-    out().print(_table(lines[-limit:]))
-    if len(lines) > limit:
-        say(f"{len(lines) - limit} lines before these; see --limit, or read {path}")
+        headline = Message("no {what} in {path}", "alarm" if alarms else "line", path)
+    elif earlier:
+        headline = Message(
+            "{count} lines before these; see --limit, or read {path}.", earlier, path
+        )
+    return AuditLines(headline=headline, lines=lines[-limit:], earlier=earlier)
 
 
-def _table(lines: list[dict[str, Any]]) -> Any:
-    table = narrow_table(columns=("|time (UTC)", ">|bench s", "|by", "what"))
-    for line in lines:
-        what = str(line.get("command") or line.get("event"))
-        side = f"{line['side']} " if line.get("side") else ""
-        values = ", ".join(
-            f"{key}={_short(value)}"
-            for key, value in line.items()
-            if key not in SHOWN_ELSEWHERE and value not in ("", None, [])
-        )
-        if line.get("event") not in ("command", what):
-            what = f"{line['event']}: {what}"
-        table.add_row(
-            str(line.get("time", ""))[11:23],
-            f"{float(line.get('bench_time_s', 0.0)):.2f}",
-            str(line.get("by", "")),
-            f"{side}{what}{f' ({values})' if values else ''}",
-        )
-    return table
+def _cells(line: Mapping[str, Any]) -> tuple[str, str, str, str]:
+    what = str(line.get("command") or line.get("event"))
+    side = f"{line['side']} " if line.get("side") else ""
+    values = ", ".join(
+        f"{key}={_short(value)}"
+        for key, value in line.items()
+        if key not in SHOWN_ELSEWHERE and value not in ("", None, [])
+    )
+    if line.get("event") not in ("command", what):
+        what = f"{line['event']}: {what}"
+    return (
+        str(line.get("time", ""))[11:23],
+        f"{float(line.get('bench_time_s', 0.0)):.2f}",
+        str(line.get("by", "")),
+        f"{side}{what}{f' ({values})' if values else ''}",
+    )
 
 
 def _short(value: object) -> str:

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
-from torquebench.cli.operations import present
 from torquebench.cli.options import data_directory, has_registry
+from torquebench.cli.reports import present
 from torquebench.cli.terminal.console import begin_output
 from torquebench.errors import InputError
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.answers import DEMO, DEMO_MODULE
+from torquebench import calibration
 from torquebench.cli.options import (
     DEFAULT_DATA,
     BenchOption,
@@ -20,8 +20,9 @@ from torquebench.cli.options import (
     RealTimeOption,
     bench_description,
 )
+from torquebench.cli.reports import Told
 from torquebench.cli.simulate import described, simulators_running
-from torquebench.cli.terminal.console import answer, note, say, say_file
+from torquebench.cli.terminal.console import note, say, say_file
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -44,6 +45,26 @@ class Preset(StrEnum):
     worn = "worn"
 
 
+@dataclass(frozen=True)
+class DemonstratedModule:
+    """One module of the demo."""
+
+    side: str
+    range_nm: float
+    transducer: str
+    recommended: str
+    runs: Sequence[str]
+    models: Sequence[calibration.ModelVerification]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Demonstrated(Told):
+    """Both modules, raw and by each model."""
+
+    bench_seconds: float
+    modules: Sequence[DemonstratedModule]
+
+
 def demo(
     seed: Annotated[
         int | None, typer.Option(min=0, help="Redraws every constant of the simulated bench.")
@@ -63,7 +84,7 @@ def demo(
     data: DataOption = DEFAULT_DATA,
     real_time: RealTimeOption = False,
     show: Annotated[bool, typer.Option("--open", help="Show the report in the browser.")] = False,
-) -> None:
+) -> Demonstrated:
     """Zero, calibrate, compensate and verify both modules and test a reducer, simulated.
 
     Both modules are calibrated in both directions, up and down. Four models are fitted and verified
@@ -84,6 +105,22 @@ def demo(
     say_file("Report", report)
     if show and not webbrowser.open(report.resolve().as_uri()):
         note("no browser was found: open the report yourself")
+    return Demonstrated(
+        headline=Message("{count} modules calibrated and verified.", len(result.modules)),
+        simulated=result.simulated,
+        bench_seconds=result.bench_seconds,
+        modules=[
+            DemonstratedModule(
+                module.side,
+                module.range_nm,
+                module.transducer_serial,
+                module.recommended.name,
+                module.run_ids,
+                [each.verification for each in (module.raw, *module.models)],
+            )
+            for module in result.modules
+        ],
+    )
 
 
 def _description(
@@ -171,8 +208,3 @@ def _print(result: DemoResult) -> None:
         say(f"{conclusion(module)}{simulated}")
     if result.friction is not None:
         say(f"{friction_range(result.friction)}{simulated}")
-    modules = [
-        DEMO_MODULE.of(each, models=[found.verification for found in (each.raw, *each.models)])
-        for each in result.modules
-    ]
-    answer(**DEMO.of(result, modules=modules))

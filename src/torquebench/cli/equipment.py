@@ -5,14 +5,15 @@ Records of a laboratory about its equipment, by ISO/IEC 17025.
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from dataclasses import field as data_field
 from datetime import date, datetime
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.markup import escape
 
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -23,9 +24,11 @@ from torquebench.cli.options import (
     named_values,
     performed_at,
 )
-from torquebench.cli.terminal.console import answer, print_facts, say, warn
+from torquebench.cli.records.checks import Entered
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.operations.result import HIDDEN, Result
+from torquebench.reports.page import Facts, Page, Section
 
 if TYPE_CHECKING:
     from torquebench.records import Equipment, Registry
@@ -62,7 +65,7 @@ def add_equipment(
     ] = None,
     detail: Annotated[list[str] | None, typer.Option(help="name=value; repeatable.")] = None,
     data: DataOption = DEFAULT_DATA,
-) -> None:
+) -> Entered:
     """Enter a piece of equipment, or changed data of it."""
     from torquebench.records import Equipment, Registry
 
@@ -70,8 +73,8 @@ def add_equipment(
     described = Equipment(kind.value, _named(serial), manufacturer, model, range_nm, details)
     with Registry.open(data) as registry:
         registry.add_equipment(described)
-    say(f"{kind.value} {escape(serial)} entered.")
-    answer(record=f"{kind.value} {serial}")
+    record = f"{kind.value} {serial}"
+    return Entered(headline=Message("{record} entered.", record), record=record)
 
 
 def add_certificate(
@@ -98,7 +101,7 @@ def add_certificate(
         Path | None, typer.Option(help="The certificate's file; its hash is kept.")
     ] = None,
     data: DataOption = DEFAULT_DATA,
-) -> None:
+) -> Entered:
     """Enter the certificate of a standard, which makes its measurements traceable."""
     from torquebench.records import Registry, Report
 
@@ -120,8 +123,16 @@ def add_certificate(
                 file=file,
             )
         )
-    answer(record=f"certificate {number}")
-    say(f"certificate {escape(number)} of {kind.value} {escape(serial)}, until {due:%Y-%m-%d}.")
+    return Entered(
+        headline=Message(
+            "Certificate {number} of {kind} {serial}, until {due:%Y-%m-%d}.",
+            number,
+            kind.value,
+            serial,
+            due,
+        ),
+        record=f"certificate {number}",
+    )
 
 
 def fit_part(
@@ -139,7 +150,7 @@ def fit_part(
     by: Annotated[str, typer.Option(help="Who has fitted it.")],
     reason: Annotated[str, typer.Option(help="Why.")] = "",
     data: DataOption = DEFAULT_DATA,
-) -> None:
+) -> Entered:
     """Enter that a part is fitted into a bench, in place of the previous part."""
     from torquebench.records import Registry
 
@@ -153,8 +164,10 @@ def fit_part(
             performed_by=by,
             reason=reason,
         )
-    answer(record=f"{kind.value} {serial}")
-    say(f"{escape(serial)} is {escape(role)} of {escape(into_serial)}.")
+    return Entered(
+        headline=Message("{serial} is {role} of {into}.", serial, role, into_serial),
+        record=f"{kind.value} {serial}",
+    )
 
 
 def adjust(
@@ -180,7 +193,7 @@ def adjust(
         ),
     ] = None,
     data: DataOption = DEFAULT_DATA,
-) -> None:
+) -> Entered:
     """Enter an adjustment: a change that may affect the indication of a piece of equipment.
 
     Earlier calibrations aren't valid after an adjustment.
@@ -204,14 +217,36 @@ def adjust(
             )
         )
         newest = registry.calibrations(serial, limit=1) if kind is Kind.transducer else []
-    answer(record=f"adjustment of {kind.value} {serial}")
-    say(f"adjustment of {kind.value} {escape(serial)} entered: {escape(what)}")
-    for entry in newest:
-        if entry.performed <= moment:
-            warn(f"calibration-{entry.calibration_id} was made before it: calibrate again")
+    record = f"adjustment of {kind.value} {serial}"
+    return Entered(
+        headline=Message("{record} entered: {what}", record, what),
+        remarks=tuple(
+            f"calibration-{entry.calibration_id} was made before it: calibrate again"
+            for entry in newest
+            if entry.performed <= moment
+        ),
+        record=record,
+    )
 
 
-def equipment(serial: SerialArgument, data: DataOption = DEFAULT_DATA) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ShownEquipment(Result):
+    """Equipment of one serial number with everything that was entered about it."""
+
+    equipment: Sequence[Mapping[str, Any]]
+    facts: Sequence[tuple[str, Sequence[tuple[str, str]]]] = data_field(metadata=HIDDEN)
+    """Of each piece its name, and names and values to show."""
+
+    def page(self) -> Page:
+        """Return its description."""
+        sections = [
+            Section(name, "", [Facts([fact for fact in facts if fact[1]])])
+            for name, facts in self.facts
+        ]
+        return Page(self.headline, "", sections)
+
+
+def equipment(serial: SerialArgument, data: DataOption = DEFAULT_DATA) -> ShownEquipment:
     """Show a piece of equipment: parts, certificates, adjustments and calibrations."""
     from torquebench.records import Registry
 
@@ -221,12 +256,14 @@ def equipment(serial: SerialArgument, data: DataOption = DEFAULT_DATA) -> None:
             raise InputError(
                 Message("no equipment {serial!r}", serial), "one of `records list equipment`"
             )
-        for each in found:
-            _show(registry, each)
-            answer(equipment=[_everything(registry, each)])
+        return ShownEquipment(
+            headline=Message("Equipment {serial}", serial),
+            equipment=[_everything(registry, each) for each in found],
+            facts=[(f"{each.kind} {each.serial}", _facts(registry, each)) for each in found],
+        )
 
 
-def _show(registry: Registry, shown: Equipment) -> None:
+def _facts(registry: Registry, shown: Equipment) -> list[tuple[str, str]]:
     span = "" if shown.range_nm is None else f"{shown.range_nm:g} N·m"
     rows = [("type", f"{shown.manufacturer} {shown.model}".strip()), ("range", span)]
     rows += [(name, str(value)) for name, value in shown.details.items()]
@@ -258,7 +295,7 @@ def _show(registry: Registry, shown: Equipment) -> None:
             (f"calibration-{each.calibration_id}", f"{each.performed:%Y-%m-%d}, due {each.due}")
             for each in registry.calibrations(shown.serial)
         ]
-    print_facts(f"{shown.kind} {shown.serial}", rows)
+    return rows
 
 
 def _everything(registry: Registry, shown: Equipment) -> dict[str, Any]:

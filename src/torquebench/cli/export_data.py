@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -9,9 +10,9 @@ from typing import Annotated
 import typer
 
 from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output, data_directory
-from torquebench.cli.terminal.console import answer, say, say_file
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.operations.result import Result
 
 __all__ = ["export_data"]
 
@@ -33,6 +34,15 @@ class StreamName(StrEnum):
     edges = "edges"
 
 
+@dataclass(frozen=True, kw_only=True)
+class ExportedStream(Result):
+    """A run's samples or edges for other programs."""
+
+    run: str
+    stream: str
+    format: str
+
+
 def export_data(
     run: Annotated[str, typer.Argument(help="A run's id or its beginning, or `latest`.")],
     out: Annotated[Path, typer.Option(help="File to write.")],
@@ -50,7 +60,7 @@ def export_data(
         StreamName, typer.Option(help="Torque, angle, speed, temperature; or every edge.")
     ] = StreamName.samples,
     data: DataOption = DEFAULT_DATA,
-) -> None:
+) -> ExportedStream:
     """Write a run's samples or edges as CSV, Parquet, HDF5, TDMS or MDF4, with units."""
     from torquebench.operations.records import find_run
     from torquebench.records import Registry, RunFolder
@@ -61,9 +71,16 @@ def export_data(
     with Registry.open(data_directory(data)) as registry:
         folder = RunFolder.open(find_run(registry, run).folder)
     export_streams(folder, out, chosen.value, stream.value)
-    say(f"{stream.value} of {folder.run_id} as {chosen.value}")
-    say_file("File", out)
-    answer(run=folder.run_id, stream=stream, format=chosen)
+    return ExportedStream(
+        headline=Message(
+            "{stream} of {run} as {format}.", stream.value, folder.run_id, chosen.value
+        ),
+        run_ids=(folder.run_id,),
+        files=(str(out),),
+        run=folder.run_id,
+        stream=stream.value,
+        format=chosen.value,
+    )
 
 
 def _format(out: Path, wanted: Format | None) -> Format:

@@ -1,7 +1,5 @@
 """Interface for commands of plugins: options, output, progress and exit codes."""
 
-from torquebench.cli.answers import ANSWERS, WITHOUT_ANSWER, Record
-from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     DEFAULT_DATA,
     HELP_MARKUP,
@@ -11,20 +9,21 @@ from torquebench.cli.options import (
     data_directory,
     moment_in_utc,
 )
-from torquebench.cli.terminal.console import answer, narrow_table, note, out, say, say_file, warn
+from torquebench.cli.output_options import WITHOUT_RESULT
+from torquebench.cli.reports import Told
+from torquebench.cli.terminal.console import narrow_table, note, out, say, say_file, warn
 from torquebench.cli.terminal.progress import TerminalProgress
+from torquebench.operations.result import Result
 
 __all__ = [
-    "ANSWERS",
-    "CHECK_FAILED",
     "DEFAULT_DATA",
     "HELP_MARKUP",
-    "WITHOUT_ANSWER",
+    "WITHOUT_RESULT",
     "AddressOptions",
     "DataOption",
-    "Record",
+    "Result",
     "TerminalProgress",
-    "answer",
+    "Told",
     "check_output",
     "data_directory",
     "moment_in_utc",

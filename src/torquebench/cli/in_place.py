@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import field as data_field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -17,11 +20,11 @@ from torquebench.cli.options import (
     YesOption,
     bench_description,
 )
-from torquebench.cli.reports import check_reports, report_option, write_reports
 from torquebench.cli.terminal.confirming import confirm_start
-from torquebench.cli.terminal.console import answer, narrow_table, out, say
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.operations.result import HIDDEN, Result
+from torquebench.reports.page import Page
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -30,6 +33,21 @@ if TYPE_CHECKING:
     from torquebench.papers.tables import ModuleTables
 
 __all__ = ["in_place"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class InPlace(Result):
+    """Worst error of fresh readings in the chain, for each calibration."""
+
+    side: str
+    range_nm: float
+    worst_percent_fs: Mapping[str, float | None]
+    described: Any = data_field(metadata=HIDDEN)
+
+    def page(self) -> Page:
+        """Return its description."""
+        page: Page = self.described()
+        return page
 
 
 def in_place(
@@ -44,12 +62,11 @@ def in_place(
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer points: takes a few seconds.")
     ] = False,
-    report: Annotated[list[Path] | None, report_option("a report with a figure")] = None,
     bench: BenchOption = None,
     records: RecordsOption = None,
     yes: YesOption = False,
     real_time: RealTimeOption = False,
-) -> None:
+) -> InPlace:
     """Compare the calibration of a transducer alone with that of its chain in place.
 
     The chain is calibrated in place and verified at fresh points. Both calibrations are applied to
@@ -58,7 +75,6 @@ def in_place(
     """
     import dataclasses
 
-    check_reports(report)
     description = bench_description(bench)
     side: Side = module.value
     table = None if alone is None else _alone(alone, side, description)
@@ -76,29 +92,19 @@ def in_place(
         measured = dataclasses.replace(measured, alone=table)
     from torquebench.papers.models import BP_RESIDUAL, RECOMMENDED_NAME, fit_module
     from torquebench.papers.page import alone_row, in_place_page
-    from torquebench.reports.errors_table import number
 
     fitted = fit_module(measured, (BP_RESIDUAL, RECOMMENDED_NAME))
     found = alone_row(fitted)
     assert found is not None
-    simulated = " - simulated" if description.simulated else ""
-    range_nm = measured.calibration.range_nm
-    say(f"[bold]{side.capitalize()} module, {range_nm:g} N·m{simulated}[/bold]")
-    say("worst error of fresh readings in the chain, by calibration:")
-    shown = narrow_table(columns=("calibration", ">% FS"))
     names = ("none: raw reading", "transducer alone", "in place", "in place, rising only (BP)")
-    for name, value in zip(names, found, strict=True):
-        shown.add_row(name, number(value))
-    out().print(shown)
-    answer(
-        side=side,
-        range_nm=range_nm,
+    return InPlace(
+        headline="Worst error of fresh readings in the chain, by calibration.",
         simulated=description.simulated,
+        side=side,
+        range_nm=measured.calibration.range_nm,
         worst_percent_fs=dict(zip(names, found, strict=True)),
+        described=lambda: in_place_page(description.name, side, fitted),
     )
-    if report:
-        page = in_place_page(description.name, side, fitted)
-        write_reports(page, report)
 
 
 def _alone(path: Path, side: Side, description: BenchDescription) -> CalibrationData:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from torquebench.bench.roles import Side
 from torquebench.cli.chain_words import tell_compensation
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -15,17 +17,27 @@ from torquebench.cli.options import (
     DataOption,
     bench_description,
 )
-from torquebench.cli.terminal.console import answer, answer_line, is_json, note, out
+from torquebench.cli.reports import Told
+from torquebench.cli.terminal.console import answer_line, is_json, note, out
+from torquebench.message import Message
 from torquebench.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from torquebench.bench.active_chain import ActiveChain
     from torquebench.bench.blocks import Block, Viewer
-    from torquebench.bench.drivers.base import Side
     from torquebench.errors import InputError
     from torquebench.station import Station
 
 __all__ = ["measure"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured(Told):
+    """Models in use; each `MeasuredInterval` is printed before as a line of its own, as `line`."""
+
+    compensation: Mapping[Side, str]
+    not_in_u: Mapping[Side, Sequence[str]]
+    lines: int
 
 
 def measure(
@@ -42,7 +54,7 @@ def measure(
     ] = False,
     *,
     counter: CounterOptions,
-) -> None:
+) -> Measured:
     """Show torque ± U (k = 2) of both sides, speed, temperature and compensation, live.
 
     Nothing is moved. A line is the mean over `--interval` seconds and is rewritten in place; into a
@@ -62,17 +74,20 @@ def measure(
         states, missing = tell_compensation(station, SIDES, counter.accepted())
         if zero:
             _take_zero(station)
-        answer(
-            simulated=station.description.simulated,
-            compensation=states,
-            not_in_u=missing,
-            lines=0,
-        )
+        lines = 0
         try:
-            _show(station, interval, count)
+            for _ in _shown(station, interval, count):
+                lines += 1
         except KeyboardInterrupt:
             out().print()
         note("measuring ended; nothing was moved")
+        return Measured(
+            headline=Message("{count} lines.", lines),
+            simulated=station.description.simulated,
+            compensation=states,
+            not_in_u=missing,
+            lines=lines,
+        )
 
 
 def _take_zero(station: Station) -> None:
@@ -81,7 +96,8 @@ def _take_zero(station: Station) -> None:
     station.run(zero_modules(station.devices), kind="zero")
 
 
-def _show(station: Station, interval_s: float, count: int | None) -> None:
+def _shown(station: Station, interval_s: float, count: int | None) -> Iterator[None]:
+    """Print a line after each interval, and yield then."""
     viewer = station.acquisition.add_viewer()
     console = out()
     shown, refusals = 0, ("", "")
@@ -96,7 +112,6 @@ def _show(station: Station, interval_s: float, count: int | None) -> None:
                         console.print()
                     note(detail)
             shown += 1
-            answer(lines=shown)
             if is_json():
                 answer_line(**asdict(measured))
             elif console.is_terminal and not console.quiet:
@@ -104,6 +119,7 @@ def _show(station: Station, interval_s: float, count: int | None) -> None:
                 console.file.flush()
             else:
                 console.print(line, soft_wrap=True)
+            yield
         if console.is_terminal:
             console.print()
     finally:

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from dataclasses import field as data_field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from torquebench.cli.options import HELP_MARKUP
-from torquebench.cli.reports import check_reports, report_option, write_reports
-from torquebench.cli.terminal.console import answer, narrow_table, out, say
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.operations.result import HIDDEN, Result
+from torquebench.reports.page import Page, Section
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from torquebench.reports.page import Block
 
 __all__ = ["app"]
 
-ReportOption = Annotated[list[Path] | None, report_option("a page with figures")]
 DEFAULT_DESIGN = "output"
 
 app = typer.Typer(
@@ -29,6 +29,29 @@ app = typer.Typer(
     rich_markup_mode=HELP_MARKUP,
     help="Additional torque of a design by the papers' equations, and the twist of supports.",
 )
+
+
+@dataclass(frozen=True)
+class NumberTable:
+    """A table as it is printed: the headers name quantity and unit."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str | float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mechanics(Result):
+    """Results, in words and as tables."""
+
+    result: str
+    tables: Sequence[NumberTable]
+    facts: Mapping[str, str]
+    described: Any = data_field(metadata=HIDDEN)
+
+    def page(self) -> Page:
+        """Return its description."""
+        page: Page = self.described
+        return page
 
 
 @app.command("additional-torque")
@@ -40,15 +63,13 @@ def additional_torque(
             "`input` or `output`."
         ),
     ] = DEFAULT_DESIGN,
-    report: ReportOption = None,
-) -> None:
+) -> Mechanics:
     """Compute the additional torque of a chain: parts, sensitivities, coaxiality limit.
 
     Bearing friction, parallel and angular misalignment over ± range, in the consistent form and as
     printed in the 2021 article; sensitivity to every parameter; effect of 0.03 mm of coaxiality
     error.
     """
-    check_reports(report)
     from torquebench.papers.mechanics import DESIGNS, additional_torque_blocks, load_design
 
     if design in DESIGNS:
@@ -61,21 +82,18 @@ def additional_torque(
             )
         chosen = load_design(Path(design))
     found, blocks = additional_torque_blocks(chosen)
-    say(found.ours)
-    answer(result=found.ours)
-    _finish("Additional torque", f"{chosen.name}, {chosen.range_nm:g} N·m", blocks, report)
+    return _result(
+        found.ours, "Additional torque", f"{chosen.name}, {chosen.range_nm:g} N·m", blocks
+    )
 
 
 @app.command("sections")
-def sections(report: ReportOption = None) -> None:
+def sections() -> Mechanics:
     """Compare the twist of rectangles with that of a circle of the same area."""
-    check_reports(report)
     from torquebench.papers.mechanics import section_blocks
 
     found, blocks = section_blocks()
-    say(found.ours)
-    answer(result=found.ours)
-    _finish("Rectangle against circle", "twist per length at equal area", blocks, report)
+    return _result(found.ours, "Rectangle against circle", "twist per length at equal area", blocks)
 
 
 @app.command("supports")
@@ -102,10 +120,8 @@ def supports(
     modulus: Annotated[
         float, typer.Option(min=1e-3, max=1e4, help="Shear modulus of both, GPa.")
     ] = 79.0,
-    report: ReportOption = None,
-) -> None:
+) -> Mechanics:
     """Twist a cantilever support and a hollow cylinder of the same mass in three dimensions."""
-    check_reports(report)
     if not arm_height < height:
         raise InputError(
             Message(
@@ -119,38 +135,23 @@ def supports(
     design = SupportDesign(height, column, thickness, arm, arm_height, cylinder, 1e9 * modulus)
     size = 0.12 * max(height, column, arm, 0.5 * cylinder)
     found, blocks = support_blocks(torque, design, min(size, 0.5 * min(column, thickness)))
-    say(found.ours)
-    answer(result=found.ours)
-    _finish("Two supports", f"{torque:g} N·m about the vertical axis", blocks, report)
+    return _result(found.ours, "Two supports", f"{torque:g} N·m about the vertical axis", blocks)
 
 
-def _finish(
-    title: str,
-    subtitle: str,
-    blocks: Sequence[Block],
-    reports: list[Path] | None,
-) -> None:
-    """Print the tables and write the page."""
-    from torquebench.reports.page import Facts, Page, Section, Table
+def _result(headline: str, title: str, subtitle: str, blocks: Sequence[Block]) -> Mechanics:
+    from torquebench.reports.page import Facts, Table
 
-    for block in blocks:
-        if isinstance(block, Table):
-            columns = (block.header[0], *(f">{name}" for name in block.header[1:]))
-            table = narrow_table(columns=columns)
-            for row in block.rows:
-                table.add_row(*row)
-            out().print(table)
-            say(block.caption)
-            rows = [[_value(cell) for cell in row] for row in block.rows]
-            answer(tables=[{"header": block.header, "rows": rows}])
-        elif isinstance(block, Facts):
-            for name, value in block.items:
-                say(f"{name}: {value}")
-    facts = [item for block in blocks if isinstance(block, Facts) for item in block.items]
-    answer(facts=dict(facts))
-    if reports:
-        sections = [Section(title, "", tuple(blocks))]
-        write_reports(Page(title, subtitle, sections), reports, "Page")
+    return Mechanics(
+        headline=headline,
+        result=headline,
+        tables=[
+            NumberTable(block.header, [[_value(cell) for cell in row] for row in block.rows])
+            for block in blocks
+            if isinstance(block, Table)
+        ],
+        facts=dict(item for block in blocks if isinstance(block, Facts) for item in block.items),
+        described=Page(title, subtitle, [Section("", "", tuple(blocks))]),
+    )
 
 
 def _value(cell: str) -> str | float:

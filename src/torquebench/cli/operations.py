@@ -25,12 +25,10 @@ from torquebench.cli.options import (
     named_values,
 )
 from torquebench.cli.output_options import JsonOption, QuietOption
-from torquebench.cli.reports import ReportOption, check_reports, write_reports
+from torquebench.cli.reports import ReportOption, check_reports, present, write_reports
 from torquebench.cli.terminal.console import (
     answer,
     begin_output,
-    note,
-    print_file,
     stderr_console,
     warn,
 )
@@ -45,7 +43,7 @@ if TYPE_CHECKING:
     from torquebench.operations import Place, Request, Result
     from torquebench.progress import Progress
 
-__all__ = ["opened_bench", "operation_command", "present", "run_on_bench", "validated_request"]
+__all__ = ["opened_bench", "operation_command", "run_on_bench", "validated_request"]
 
 TYPES: Mapping[str, Any] = {"number": float, "whole": int}
 NOT = "not_"
@@ -426,30 +424,3 @@ def tell_doubts(doubts: Iterable[str]) -> None:
     """Print doubts about a result as warnings."""
     for doubt in doubts:
         warn(doubt)
-
-
-def present(result: Result, reports: Iterable[Path] | None = None) -> None:
-    """Print a result, write its reports, and end with exit code 1 if it failed."""
-    from torquebench.cli.failure import CHECK_FAILED
-    from torquebench.cli.terminal.page import print_page, print_verdict
-
-    page = result.page()
-    print_page(page)
-    if result.verdict or page.title != result.headline:
-        print_verdict(result)
-    for remark in result.remarks:
-        warn(remark)
-    answer(**result.plain())
-    for file in result.files:
-        print_file("File", file)
-    if reports:
-        import dataclasses
-
-        from torquebench.reports.page import Facts, Section
-
-        remarks = Section("Remarks", "", [Facts([("", each) for each in result.remarks])])
-        sections = [*page.sections, *[remarks] * bool(result.remarks)]
-        write_reports(dataclasses.replace(page, sections=sections), list(reports))
-    if result.failed:
-        note("a check failed: exit code 1")
-        raise typer.Exit(CHECK_FAILED)

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.markup import escape
 
 from torquebench.atomic_write import is_standard_output
 from torquebench.cli.terminal.console import (
-    answer,
     claim_file,
     leave_standard_output,
     say,
@@ -198,13 +197,15 @@ class TableOptions:
         return Conversion.of_options(self.sensitivity, self.arm, self.gravity)
 
 
-def tell_columns(understood: Understood, notes: Sequence[str] = (), file: str = "") -> None:
-    """Warn of ignored columns, and state how columns with other names were interpreted."""
+def tell_columns(
+    understood: Understood, notes: Sequence[str] = (), file: str = ""
+) -> list[dict[str, Any]]:
+    """Say what was passed over and how columns were understood; return them as JSON has them."""
     for note in dict.fromkeys(notes):
         warn(f"{file}: {note}" if file else note)
     if sentence := understood.sentence():
         say(f"[dim]{escape(f'{file}: ' * bool(file) + sentence)}[/dim]")
-    answer(columns=understood.described())
+    return understood.described()
 
 
 @dataclass(frozen=True)

@@ -11,22 +11,36 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 
-from torquebench.cli.answers import ANSWERS
+from torquebench.cli.reports import ReportOption, check_reports, present
 from torquebench.cli.terminal.console import begin_output
+from torquebench.operations.result import Result
 
-__all__ = ["HELP_OPTIONS", "add_output_options", "leave_out_types_of_flags"]
+__all__ = [
+    "HELP_OPTIONS",
+    "RESULTS",
+    "WITHOUT_RESULT",
+    "add_output_options",
+    "leave_out_types_of_flags",
+]
 
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the results as one JSON object instead of tables.")
 ]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print warnings and errors only.")]
 
+RESULTS: dict[str, type[Result]] = {}
+"""Type of the result of each command that isn't an operation, by the command's name."""
+WITHOUT_RESULT = {
+    "panel": "serves the panel until it is ended",
+    "simulate": "serves simulated instruments until it is ended",
+}
+"""Commands without `--json`, and the reason."""
 HELP_OPTIONS = ["-h", "--help"]
 PLAIN_NAMES = {Path: "path", str: "str", float: "float", int: "int"}
 
 
 def add_output_options(app: typer.Typer, path: str = "") -> None:
-    """Add `--quiet` to every command below, and `--json` to those in `cli.answers`."""
+    """Add `--quiet` to every command below, and `--json` and `--report` to those with a result."""
     for info in app.registered_commands:
         assert info.callback is not None
         name = info.name or info.callback.__name__.replace("_", "-")
@@ -42,9 +56,14 @@ def _with_options(command: Callable[..., Any], path: str) -> Callable[..., Any]:
     @functools.wraps(command)
     def run(*, quiet: bool = False, json: bool = False, **given: Any) -> Any:
         begin_output(path, json=json, quiet=quiet)
+        reports = None if own_report else given.pop("report", None)
+        check_reports(reports)
         for name, kind in groups.items():
             given[name] = kind(**{each.name: given.pop(each.name) for each in fields(kind)})
-        return command(**given)
+        result = command(**given)
+        if isinstance(result, Result):
+            present(result, reports)
+        return result
 
     signature = inspect.signature(command, eval_str=True)
     groups: dict[str, Any] = {
@@ -52,16 +71,23 @@ def _with_options(command: Callable[..., Any], path: str) -> Callable[..., Any]:
         for name, each in signature.parameters.items()
         if is_dataclass(each.annotation)
     }
+    own_report = "report" in signature.parameters
     parameters = [part for each in signature.parameters.values() for part in _options(each)]
     for each in parameters:
         kind, *options = get_args(each.annotation) or (None,)
         for option in options:
             option.metavar = option.metavar or _value_name(kind)
-    added = {"json": JsonOption} if path in ANSWERS else {}
-    added["quiet"] = QuietOption
+    kind = signature.return_annotation
+    added: dict[str, tuple[Any, Any]] = {}
+    if inspect.isclass(kind) and issubclass(kind, Result):
+        RESULTS[path] = kind
+        if kind.page is not Result.page and not own_report:
+            added["report"] = (ReportOption, None)
+        added["json"] = (JsonOption, False)
+    added["quiet"] = (QuietOption, False)
     parameters += [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
-        for name, kind in added.items()
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+        for name, (kind, default) in added.items()
     ]
     # Typer reads a command's options from this attribute, which typing doesn't know.
     run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]

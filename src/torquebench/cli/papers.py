@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
+from dataclasses import dataclass
+from dataclasses import field as data_field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,10 +22,12 @@ from torquebench.cli.options import (
     bench_description,
     check_output_folder,
 )
-from torquebench.cli.reports import check_reports, write_reports
+from torquebench.cli.reports import Told, check_reports, write_reports
 from torquebench.cli.terminal.console import answer, narrow_table, note, out, say
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.operations.result import HIDDEN
+from torquebench.reports.page import Page
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -32,11 +36,31 @@ if TYPE_CHECKING:
     from torquebench.papers.study import Study
     from torquebench.papers.tables import BenchTables, PapersSettings
     from torquebench.reducers import CertifiedFriction
-    from torquebench.reports.page import Page
 
 __all__ = ["papers"]
 
 SEEDS = 3
+
+
+@dataclass(frozen=True)
+class ReproducedItem:
+    """One item of the source papers."""
+
+    item: str
+    verdict: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reproduced(Told):
+    """The items of the source papers."""
+
+    items: Sequence[ReproducedItem]
+    described: Any = data_field(metadata=HIDDEN)
+
+    def page(self) -> Page:
+        """Return the page."""
+        page: Page = self.described
+        return page
 
 
 def papers(
@@ -74,7 +98,7 @@ def papers(
     mounting: MountingOption = None,
     yes: YesOption = False,
     real_time: RealTimeOption = False,
-) -> Any:
+) -> Reproduced:
     """Reproduce the two source papers item by item: one page with figures, tables and verdicts.
 
     Both modules are calibrated and verified in ten groups at the same torques (and ten at others),
@@ -125,9 +149,9 @@ def papers(
                 description, bench, 1 if quick else seeds, quick, records, yes, measure
             )
         page = _page(tables, conditions, computed, quick, save)
-        _write(page, reports)
+        items = _write(page, reports)
         file.unlink(missing_ok=True)
-    return page  # for callers from Python
+    return Reproduced(headline=page.title, simulated=page.simulated, items=items, described=page)
 
 
 def _certified(reducer: str | None) -> tuple[CertifiedFriction, ...]:
@@ -251,15 +275,16 @@ def _page(
         return papers_page(results, rows, chains, quick=quick)
 
 
-def _write(page: Page, reports: list[Path]) -> None:
-
+def _write(page: Page, reports: list[Path]) -> list[ReproducedItem]:
+    """Print the items with their verdicts, and write the page."""
     table = narrow_table(
         page.title + (" - simulated" if page.simulated else ""), columns=("item", "met or not")
     )
+    items = []
     for section in page.sections[1:]:
         item, _, verdict = section.heading.rpartition(": ")
         table.add_row(item, verdict)
-        answer(items=[{"item": item, "verdict": verdict}])
-    answer(simulated=page.simulated)
+        items.append(ReproducedItem(item, verdict))
     out().print(table)
     write_reports(page, reports, "Page")
+    return items

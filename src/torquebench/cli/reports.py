@@ -1,30 +1,36 @@
-"""The option `--report`: define it, check the files before, and write them after the work."""
+"""Results and reports of commands: terminal, JSON, files and exit code follow from one result."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from torquebench.cli.options import check_output
-from torquebench.cli.terminal.console import say_file
+from torquebench.cli.terminal.console import answer, note, print_file, say_file, warn
+from torquebench.operations.result import Result
 
 if TYPE_CHECKING:
     from torquebench.reports.page import Page
 
-__all__ = ["ReportOption", "check_reports", "report_option", "write_reports"]
+__all__ = ["ReportOption", "Told", "check_reports", "present", "write_reports"]
+
+ReportOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--report",
+        metavar="<path>",
+        help="Write a report with figures (.html or .pdf). May be repeated.",
+    ),
+]
 
 
-def report_option(what: str) -> Any:
-    """Return an option `--report` with another description than `ReportOption`."""
-    return typer.Option(
-        "--report", metavar="<path>", help=f"Write {what} (.html or .pdf). May be repeated."
-    )
-
-
-ReportOption = Annotated[list[Path] | None, report_option("a report with figures")]
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Told(Result):
+    """Result that its command prints while it works."""
 
 
 def check_reports(reports: Sequence[Path] | None) -> None:
@@ -44,3 +50,35 @@ def write_reports(page: Page, reports: Sequence[Path], title: str = "Report") ->
 
     for report in reports:
         say_file(title, write_report(page, report))
+
+
+def present(result: Result, reports: Iterable[Path] | None = None) -> None:
+    """Print a result, write its reports, and end with exit code 1 if it failed."""
+    from torquebench.cli.failure import CHECK_FAILED
+
+    answer(**result.plain())
+    if not isinstance(result, Told):
+        _print(result)
+    if reports:
+        from torquebench.reports.page import Facts, Section
+
+        page = result.page()
+        remarks = Section("Remarks", "", [Facts([("", each) for each in result.remarks])])
+        sections = [*page.sections, *[remarks] * bool(result.remarks)]
+        write_reports(dataclasses.replace(page, sections=sections), list(reports))
+    if result.failed:
+        note("a check failed: exit code 1")
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _print(result: Result) -> None:
+    from torquebench.cli.terminal.page import print_page, print_verdict
+
+    page = result.page()
+    print_page(page)
+    if result.verdict or (result.headline and page.title != result.headline):
+        print_verdict(result)
+    for remark in result.remarks:
+        warn(remark)
+    for file in result.files:
+        print_file("File", file)

@@ -1,15 +1,13 @@
 """Every command takes `--quiet`, and those that answer with data take `--json`."""
 
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import typer
 
 from torquebench.cli import COMMANDS, whole_command
-from torquebench.cli.answers import ANSWERS, WITHOUT_ANSWER, Record
 from torquebench.cli.failure import guarded
-from torquebench.cli.output_options import HELP_OPTIONS
+from torquebench.cli.output_options import HELP_OPTIONS, RESULTS, WITHOUT_RESULT
 from torquebench.cli.terminal.console import (
     answer,
     begin_output,
@@ -19,7 +17,7 @@ from torquebench.cli.terminal.console import (
     warn,
 )
 from torquebench.errors import InputError
-from torquebench.operations import OPERATIONS
+from torquebench.operations import OPERATIONS, json_schemas
 
 
 def commands(group: Any = None, path: str = "") -> dict[str, set[str]]:
@@ -42,22 +40,17 @@ def _reset():
 def test_every_command_answers_in_json_or_is_named_with_the_reason() -> None:
     found = commands()
     own = {name for name in found if name not in OPERATIONS or COMMANDS.get(name)}
-    assert own == set(ANSWERS) | set(WITHOUT_ANSWER)
-    assert not set(ANSWERS) & set(WITHOUT_ANSWER)
+    assert own == set(RESULTS) | set(WITHOUT_RESULT)
+    assert not set(RESULTS) & set(WITHOUT_RESULT)
     for name, options in found.items():
-        assert ("--json" in options) == (name not in WITHOUT_ANSWER), name
+        assert ("--json" in options) == (name not in WITHOUT_RESULT), name
 
 
-def test_every_chosen_field_of_an_answer_is_one_of_its_dataclass() -> None:
-    for record in {each for records in ANSWERS.values() for each in records}:
-        unknown = [key for key in record.paths if record.kinds()[key] is Any]
-        assert unknown == [], record.about
-
-
-def test_an_answer_holds_null_where_a_part_of_the_entry_is_missing() -> None:
-    record = Record("A fit.", "torquebench.campaign.results:FitResult", "u=noise.missing name")
-    entry = SimpleNamespace(noise=None, name="hybrid")
-    assert record.of(entry, points=3) == {"u": None, "name": "hybrid", "points": 3}
+def test_every_result_of_a_command_has_a_schema() -> None:
+    whole_command()
+    for name, kind in RESULTS.items():
+        _, parts = json_schemas([kind])
+        assert parts[kind.__name__].get("description"), name
 
 
 def test_every_command_can_be_quiet() -> None:

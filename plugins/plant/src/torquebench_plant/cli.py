@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from dataclasses import field as data_field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,16 +15,13 @@ from rich.markup import escape
 from rich.text import Text
 
 from torquebench.cli.extension import (
-    ANSWERS,
-    CHECK_FAILED,
     DEFAULT_DATA,
     HELP_MARKUP,
-    WITHOUT_ANSWER,
+    WITHOUT_RESULT,
     AddressOptions,
     DataOption,
-    Record,
     TerminalProgress,
-    answer,
+    Told,
     check_output,
     data_directory,
     moment_in_utc,
@@ -35,76 +33,146 @@ from torquebench.cli.extension import (
     warn,
 )
 from torquebench.errors import InputError
+from torquebench.operations.result import HIDDEN
 from torquebench.units import DAY, HOUR, MINUTE
 
-_FILES = {"files": [str]}
-REGISTERED_BENCH = Record(
-    "A bench, and the URL with which it sends.",
-    facts={"number": int, "name": str, "place": str, "url": str},
-)
-PLANT_REGISTERED = Record("The new bench of a plant.", facts={"benches": [REGISTERED_BENCH]})
-PLANT_BENCH = Record(
-    "One bench of a plant.",
-    "torquebench_plant:BenchState",
-    "number name place entries=head.sequence runs folders last_contact replaced_by ahead_s",
-)
-PLANT_BENCHES = Record("Benches of a plant.", facts={"benches": [PLANT_BENCH]})
-PLANT_MADE = Record(
-    "A plant's registry, or a user of it.",
-    facts={"plant": str},
-    sometimes={"folders": str, "url": str},
-)
-PLANT_SENT = Record(
-    "Data sent by a bench.",
-    "torquebench_plant:Forwarded",
-    "bench entries folders bytes=size withdrawn problems clock chain_end=head.__str__",
-)
-PLANT_RUN = Record(
-    "One run of a plant.",
-    "torquebench_plant:PlantRun",
-    "run=run_id bench kind started status specimen_type serial batch simulated",
-    {"withdrawn": bool},
-)
-PLANT_RUNS = Record("Runs of a plant, the newest first.", facts={"runs": [PLANT_RUN]})
-PLANT_WITHDRAWN = Record(
-    "A run that was withdrawn, and in how many registries it was known.",
-    facts={"run": str, "bench": str, "known": int},
-)
-PLANT_VERIFIED_BENCH = Record(
-    "One bench's hash chain in the plant.",
-    facts={"bench": str, "entries": int, "defects": [str]},
-)
-PLANT_VERIFIED = Record("All chains of a plant.", facts={"benches": [PLANT_VERIFIED_BENCH]})
-PLANT_ANSWER = Record(
-    "An answer of the plant as a table: names end with their unit, values are in the rows.",
-    "torquebench_plant:Answer",
-    "title simulated rows facts notes",
-    sometimes=_FILES,
-)
+WITHOUT_RESULT["plant view"] = "serves the plant's view until it is ended"
 
-_PLANT_QUESTIONS = (
-    "due",
-    "drift",
-    "specimens",
-    "capability",
-    "charts",
-    "outliers",
-    "compare",
-    "reevaluate",
-)
 
-ANSWERS |= {
-    "plant init": (PLANT_MADE,),
-    "plant register": (PLANT_REGISTERED,),
-    "plant add-reader": (PLANT_MADE,),
-    "plant push": (PLANT_SENT,),
-    "plant status": (PLANT_BENCHES,),
-    "plant runs": (PLANT_RUNS,),
-    "plant withdraw": (PLANT_WITHDRAWN,),
-    "plant verify": (PLANT_VERIFIED,),
-    **{f"plant {name}": (PLANT_ANSWER,) for name in _PLANT_QUESTIONS},
-}
-WITHOUT_ANSWER["plant view"] = "serves the plant's view until it is ended"
+@dataclass(frozen=True)
+class RegisteredBench:
+    """A bench, and the URL with which it sends."""
+
+    number: int
+    name: str
+    place: str
+    url: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Registered(Told):
+    """The new bench of a plant."""
+
+    benches: Sequence[RegisteredBench]
+
+
+@dataclass(frozen=True)
+class ListedBench:
+    """One bench of a plant."""
+
+    number: int
+    name: str
+    place: str
+    entries: int
+    runs: int
+    folders: int
+    last_contact: datetime | None
+    replaced_by: int | None
+    ahead_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListedBenches(Told):
+    """Benches of a plant."""
+
+    benches: Sequence[ListedBench]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MadePlant(Told):
+    """A plant's registry, or a user of it."""
+
+    plant: str
+    folders: str = ""
+    url: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sent(Told):
+    """Data sent by a bench."""
+
+    bench: str
+    entries: int
+    folders: int
+    bytes: int
+    withdrawn: Sequence[str]
+    problems: Sequence[str]
+    clock: str
+    chain_end: str
+
+    @property
+    def failed(self) -> bool:
+        """Whether a folder couldn't be sent."""
+        return bool(self.problems)
+
+
+@dataclass(frozen=True)
+class ListedRun:
+    """One run of a plant."""
+
+    run: str
+    bench: str
+    kind: str
+    started: datetime
+    status: str
+    specimen_type: str
+    serial: str
+    batch: str
+    simulated: bool
+    withdrawn: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListedRuns(Told):
+    """Runs of a plant, the newest first."""
+
+    runs: Sequence[ListedRun]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Withdrawn(Told):
+    """A run that was withdrawn, and in how many registries it was known."""
+
+    run: str
+    bench: str
+    known: int
+
+
+@dataclass(frozen=True)
+class VerifiedBench:
+    """One bench's hash chain in the plant."""
+
+    bench: str
+    entries: int
+    defects: Sequence[str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerifiedPlant(Told):
+    """All chains of a plant."""
+
+    benches: Sequence[VerifiedBench]
+
+    @property
+    def failed(self) -> bool:
+        """Whether a record or file was changed."""
+        return any(each.defects for each in self.benches)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answered(Told):
+    """An answer of the plant as a table: names end with their unit, values are in the rows."""
+
+    title: str
+    rows: Sequence[Mapping[str, Any]]
+    facts: Mapping[str, Any]
+    notes: Sequence[str]
+    differing: bool = data_field(default=False, metadata=HIDDEN)
+
+    @property
+    def failed(self) -> bool:
+        """Whether benches differ, or runs couldn't be evaluated."""
+        return self.differing
 
 
 if TYPE_CHECKING:
@@ -155,7 +223,7 @@ def init(
         str, typer.Option(help="Where sealed run folders go: file:///srv/plant or s3://bucket/…")
     ],
     plant: PlantOption = "",
-) -> None:
+) -> MadePlant:
     """Create a plant's registry in an existing, empty database.
 
     The user of the URL must be allowed to create tables and roles (CREATEROLE).
@@ -165,9 +233,10 @@ def init(
     FolderStore(folders)
     with Plant.create(_named(plant), folders) as made:
         say(f"A plant's registry is in {escape(made.name)}; folders go to {escape(folders)}.")
-        answer(plant=made.name, folders=folders)
+        name = made.name
         _warn_of_open_rights(made)
     say("Next: torquebench plant register NAME, once per bench.")
+    return MadePlant(headline="A plant's registry was made.", plant=name, folders=folders)
 
 
 def _warn_of_open_rights(plant: Plant) -> None:
@@ -187,13 +256,12 @@ def register_bench(
         typer.Option(help="Number of the bench whose registry was rebuilt."),
     ] = None,
     plant: PlantOption = "",
-) -> None:
+) -> Registered:
     """Register a bench and print the URL with which it sends; it can only add its own rows."""
     with opened(plant) as found:
         number, url = found.register_bench(name, place, replaces=replaces)
         _warn_of_open_rights(found)
     shown = url.render_as_string(hide_password=False)
-    answer(benches=[{"number": number, "name": name, "place": place, "url": shown}])
     say(f"Bench {number} {escape(name)} is registered. On the bench, once:")
     out().print(
         f"export TORQUEBENCH_PLANT='{shown}'",
@@ -201,19 +269,24 @@ def register_bench(
         markup=False,
     )
     say("The password in it isn't shown again. Then: torquebench plant push --every 60")
+    return Registered(
+        headline=f"Bench {number} {name} is registered.",
+        benches=[RegisteredBench(number, name, place, shown)],
+    )
 
 
 @app.command("add-reader")
 def add_reader(
     name: Annotated[str, typer.Argument(help="Name of the new role in the database.")],
     plant: PlantOption = "",
-) -> None:
+) -> MadePlant:
     """Create a user with read access only, and print the URL."""
     with opened(plant) as found:
         url = found.add_reader(name)
         shown = url.render_as_string(hide_password=False)
-        answer(plant=found.name, url=shown)
+        where = found.name
     out().print(shown, soft_wrap=True, markup=False)
+    return MadePlant(headline=f"{name} may read {where}.", plant=where, url=shown)
 
 
 @app.command("push")
@@ -224,7 +297,7 @@ def push(
     ] = None,
     plant: PlantOption = "",
     data: DataOption = DEFAULT_DATA,
-) -> None:
+) -> Sent:
     """Send new records of this bench to the plant, and apply the plant's withdrawals.
 
     The bench may run at the same time. Records that can't be sent stay here and are sent next time.
@@ -255,14 +328,21 @@ def push(
                 if every is None or done.entries or done.folders or done.withdrawn:
                     _print_sent(done)
                 if every is None:
-                    if done.problems:
-                        raise typer.Exit(CHECK_FAILED)
-                    return
+                    return Sent(
+                        headline=f"Bench {done.bench} has sent its records.",
+                        bench=done.bench,
+                        entries=done.entries,
+                        folders=done.folders,
+                        bytes=done.size,
+                        withdrawn=done.withdrawn,
+                        problems=done.problems,
+                        clock=done.clock,
+                        chain_end=str(done.head),
+                    )
             time.sleep(every or 0.0)
 
 
 def _print_sent(done: Forwarded) -> None:
-    answer(**PLANT_SENT.of(done))
     say(
         f"bench {escape(done.bench)}: {done.entries} entries and {done.folders} run folders "
         f"({done.size / 1e6:.1f} MB) sent"
@@ -273,11 +353,10 @@ def _print_sent(done: Forwarded) -> None:
 
 
 @app.command("status")
-def status(plant: PlantOption = "") -> None:
+def status(plant: PlantOption = "") -> ListedBenches:
     """List the benches, how much of each has arrived, and the time of the last contact."""
     with opened(plant) as found:
         states = found.benches()
-    answer(benches=[PLANT_BENCH.of(each) for each in states])
     now = datetime.now(UTC)
     table = narrow_table(
         columns=(">no.", "bench", "place", ">|entries", ">|runs", ">|folders", ">|heard from"),
@@ -302,6 +381,23 @@ def status(plant: PlantOption = "") -> None:
             heard,
         )
     out().print(table)
+    return ListedBenches(
+        headline=f"{len(states)} benches.",
+        benches=[
+            ListedBench(
+                each.number,
+                each.name,
+                each.place,
+                each.head.sequence,
+                each.runs,
+                each.folders,
+                each.last_contact,
+                each.replaced_by,
+                each.ahead_s,
+            )
+            for each in states
+        ],
+    )
 
 
 def _ago(now: datetime, then: datetime) -> str:
@@ -326,7 +422,7 @@ def runs(
         bool | None, typer.Option("--withdrawn/--counting", help="Only these.")
     ] = None,
     plant: PlantOption = "",
-) -> None:
+) -> ListedRuns:
     """List runs of all benches, newest first, by any filter."""
     with opened(plant) as found:
         listed = found.runs(
@@ -340,7 +436,6 @@ def runs(
             operator=operator,
             withdrawn=withdrawn,
         )
-    answer(runs=[PLANT_RUN.of(run, withdrawn=run.withdrawn is not None) for run in listed])
     table = narrow_table(
         columns=("run", "bench", "specimen", "|state"),
         caption=f"{len(listed)} runs, the newest first",
@@ -348,6 +443,24 @@ def runs(
     for run in listed:
         table.add_row(run.run_id, escape(run.bench), escape(run.serial), _state(run))
     out().print(table)
+    return ListedRuns(
+        headline=f"{len(listed)} runs.",
+        runs=[
+            ListedRun(
+                run.run_id,
+                run.bench,
+                run.kind,
+                run.started,
+                run.status,
+                run.specimen_type,
+                run.serial,
+                run.batch,
+                run.simulated,
+                run.withdrawn is not None,
+            )
+            for run in listed
+        ],
+    )
 
 
 def _state(run: PlantRun) -> str:
@@ -364,7 +477,7 @@ def withdraw(
         int | None, typer.Option(help="Number of the bench, if several have a run of this name.")
     ] = None,
     plant: PlantOption = "",
-) -> None:
+) -> Withdrawn:
     """Withdraw a run everywhere: queries no longer use it, and its bench is informed.
 
     The bench stops using a model that was fitted to the run. The run's folder and rows are kept.
@@ -372,9 +485,11 @@ def withdraw(
     with opened(plant) as found:
         run = found.run(run_id, bench)
         marked = found.withdraw(run, by=by, reason=reason)
-    answer(run=run_id, bench=run.bench, known=marked)
     others = "" if marked == 1 else f", known {marked} times"
     say(f"run {run_id} of bench {escape(run.bench)} is withdrawn{others}")
+    return Withdrawn(
+        headline=f"Run {run_id} is withdrawn.", run=run_id, bench=run.bench, known=marked
+    )
 
 
 @app.command("verify")
@@ -384,12 +499,12 @@ def verify(
         bool, typer.Option("--folders", help="Read every folder and compare its files too.")
     ] = False,
     plant: PlantOption = "",
-) -> None:
+) -> VerifiedPlant:
     """Check the stored hash chain of every bench, and with `--folders` every file.
 
     Exit code 1 if a record or file was changed.
     """
-    problems = 0
+    verified: list[VerifiedBench] = []
     with opened(plant) as found, TerminalProgress() as progress:
         states = [each for each in found.benches() if bench in (None, each.number)]
         progress.start("Checking chains", len(states))
@@ -398,14 +513,12 @@ def verify(
             if folders:
                 wrong += found.verify_folders(state.number)
             progress.reach(number)
-            problems += len(wrong)
-            answer(benches=[{"bench": state.title, "entries": checked, "defects": wrong}])
+            verified.append(VerifiedBench(state.title, checked, wrong))
             said = f"{checked} entries unchanged" if not wrong else "NOT INTACT"
             say(f"bench {escape(state.title)}: {said}")
             for each in wrong:
                 warn(each)
-    if problems:
-        raise typer.Exit(CHECK_FAILED)
+    return VerifiedPlant(headline=f"{len(verified)} chains.", benches=verified)
 
 
 # -- questions ------------------------------------------------------------------------------------
@@ -441,9 +554,8 @@ BaseOption = Annotated[
 ]
 
 
-def show(found: Answer, path: Path | None) -> None:
+def show(found: Answer, path: Path | None) -> Answered:
     """Print an answer within 80 columns, and write it to a file if one is named."""
-    answer(**PLANT_ANSWER.of(found))
     simulated = " - simulated" if found.simulated else ""
     out().print(Text(f"{found.title}{simulated}", style="bold"))
     rows = found.rows()
@@ -467,6 +579,14 @@ def show(found: Answer, path: Path | None) -> None:
     if path is not None:
         found.write(path)
         say_file("Table", path)
+    return Answered(
+        headline=found.title,
+        simulated=found.simulated,
+        title=found.title,
+        rows=rows,
+        facts=found.facts,
+        notes=found.notes,
+    )
 
 
 _HEADINGS = {
@@ -520,12 +640,11 @@ class AnswerOptions:
     out_file: OutOption = None
     plant: PlantOption = ""
 
-    def show(self, ask: Callable[[Plant], Answer]) -> Answer:
+    def show(self, ask: Callable[[Plant], Answer]) -> Answered:
         """Ask the plant, print its answer, and write it to a file if one is named."""
         with opened(self.plant, self.out_file) as plant:
             answered = ask(plant)
-        show(answered, self.out_file)
-        return answered
+        return show(answered, self.out_file)
 
 
 @app.command("due")
@@ -534,14 +653,14 @@ def due(
     tolerance: ToleranceOption = 0.1,
     *,
     options: AnswerOptions,
-) -> None:
+) -> Answered:
     """List transducers and standards that are due for calibration, with their places.
 
     A transducer is due on its calibration's last day, or before its drift leaves the tolerance.
     """
     from torquebench_plant import due as asked
 
-    options.show(lambda plant: asked(plant, within, tolerance_percent=tolerance))
+    return options.show(lambda plant: asked(plant, within, tolerance_percent=tolerance))
 
 
 @app.command("drift")
@@ -557,7 +676,7 @@ def drift(
     base: BaseOption = None,
     *,
     options: AnswerOptions,
-) -> None:
+) -> Answered:
     """Show the drift of a transducer over time and all benches, or of one kind (`--kind`)."""
     from torquebench_plant import drift as asked
     from torquebench_plant import drift_of_kind
@@ -565,9 +684,8 @@ def drift(
     if (serial is None) == (kind is None):
         raise InputError("a serial number and --kind, or neither", "one of them")
     if kind is not None:
-        options.show(lambda plant: drift_of_kind(plant, kind))
-    else:
-        options.show(lambda plant: asked(plant, serial or "", tolerance, base=base))
+        return options.show(lambda plant: drift_of_kind(plant, kind))
+    return options.show(lambda plant: asked(plant, serial or "", tolerance, base=base))
 
 
 @app.command("specimens")
@@ -575,11 +693,11 @@ def specimens(
     *,
     specimens: SpecimenOptions,
     options: AnswerOptions,
-) -> None:
+) -> Answered:
     """List the values of a quantity of all specimens of a type, one row for each specimen."""
     from torquebench_plant import specimens as asked
 
-    options.show(lambda plant: asked(plant, specimens.chosen()))
+    return options.show(lambda plant: asked(plant, specimens.chosen()))
 
 
 @app.command("capability")
@@ -592,7 +710,7 @@ def capability(
     *,
     specimens: SpecimenOptions,
     options: AnswerOptions,
-) -> None:
+) -> Answered:
     """Show Cp and Cpk of a type with their intervals, over all benches and for each.
 
     Limits are those of the latest test's data sheet, or are given here.
@@ -600,7 +718,7 @@ def capability(
     from torquebench_plant import capability as asked
 
     chosen = specimens.chosen()
-    options.show(lambda plant: asked(plant, chosen, lower=lower, upper=upper, level=level))
+    return options.show(lambda plant: asked(plant, chosen, lower=lower, upper=upper, level=level))
 
 
 @app.command("charts")
@@ -615,12 +733,12 @@ def charts(
     *,
     specimens: SpecimenOptions,
     options: AnswerOptions,
-) -> None:
+) -> Answered:
     """Show control charts of a type: single values (Shewhart) and weighted averages (EWMA)."""
     from torquebench_plant import charts as asked
 
     chosen = specimens.chosen()
-    options.show(lambda plant: asked(plant, chosen, base=base, weight=weight, width=width))
+    return options.show(lambda plant: asked(plant, chosen, base=base, weight=weight, width=width))
 
 
 @app.command("outliers")
@@ -628,11 +746,11 @@ def outliers(
     *,
     specimens: SpecimenOptions,
     options: AnswerOptions,
-) -> None:
+) -> Answered:
     """Show outliers of a type: benches, batches and single specimens."""
     from torquebench_plant import outliers as asked
 
-    options.show(lambda plant: asked(plant, specimens.chosen()))
+    return options.show(lambda plant: asked(plant, specimens.chosen()))
 
 
 @app.command("compare")
@@ -645,19 +763,18 @@ def compare(
     reference: Annotated[int | None, typer.Option(help="Number of the reference bench.")] = None,
     *,
     options: AnswerOptions,
-) -> None:
+) -> Answered:
     """Compare benches by a specimen that all of them tested: E_n numbers.
 
     Exit code 1 if a bench differs by more than the uncertainties (|E_n| above 1).
     """
-    from torquebench.cli.extension import CHECK_FAILED
     from torquebench_plant import compare as asked
 
     compared = options.show(lambda plant: asked(plant, serial, quantity, reference=reference))
-    differing = [row["bench"] for row in compared.rows() if row["verdict"] != "agrees"]
+    differing = [row["bench"] for row in compared.rows if row["verdict"] != "agrees"]
     if differing:
         warn(f"|E_n| above 1: {', '.join(differing)}")
-        raise typer.Exit(CHECK_FAILED)
+    return replace(compared, differing=bool(differing))
 
 
 @app.command("reevaluate")
@@ -683,7 +800,7 @@ def reevaluate(
     ] = None,
     *,
     options: AnswerOptions,
-) -> None:
+) -> Answered:
     """Refit and evaluate every recorded run with this version, and show the changes.
 
     The results are stored in addition to the old ones. After an interruption, the command continues
@@ -691,7 +808,6 @@ def reevaluate(
     evaluated.
     """
     from torquebench import __version__
-    from torquebench.cli.extension import CHECK_FAILED, TerminalProgress
     from torquebench_plant import differences
     from torquebench_plant import reevaluate as again
     from torquebench_plant.reevaluation import KINDS
@@ -710,9 +826,8 @@ def reevaluate(
                 progress=progress,
             )
         say(f"{done.done} runs evaluated now, {done.known} before, {done.problems} can't be")
-        show(differences(found, name, against), options.out_file)
-    if done.problems:
-        raise typer.Exit(CHECK_FAILED)
+        shown = show(differences(found, name, against), options.out_file)
+    return replace(shown, differing=done.problems > 0)
 
 
 @app.command("view")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,10 +12,8 @@ import typer
 from rich.markup import escape
 
 from torquebench.cli.extension import (
-    ANSWERS,
     HELP_MARKUP,
-    Record,
-    answer,
+    Told,
     check_output,
     narrow_table,
     out,
@@ -38,28 +37,33 @@ app = typer.Typer(
     rich_markup_mode=HELP_MARKUP,
 )
 
-_FILES = {"files": [str]}
-DATA_SHEET = Record(
-    "A transducer's electronic data sheet, as `teds read` writes it.",
-    facts={"basic": {str: Any}, "templates": [{str: Any}]},
-    sometimes={"text": str, "free_bits": str, "unread": {str: str}},
-)
-DATA_SHEET_SHOWN = Record("Content of a memory.", facts={"sheet": DATA_SHEET}, sometimes=_FILES)
-CURVE_ANSWER = Record(
-    "A compensation as calibration curve, and how far it deviates from the compensation.",
-    "torquebench_teds:CurveFit",
-    "segments power residual_nm residual_percent_fs branch_residual_nm branch_residual_percent_fs",
-)
-DATA_SHEET_WRITTEN = Record(
-    "Written content of a memory; `bytes` without checksums, `curve` of a model.",
-    facts={"sheet": DATA_SHEET, "bytes": int, "curve": CURVE_ANSWER, **_FILES},
-)
 
-ANSWERS |= {
-    "teds show": (DATA_SHEET_SHOWN,),
-    "teds read": (DATA_SHEET_SHOWN,),
-    "teds write": (DATA_SHEET_WRITTEN,),
-}
+@dataclass(frozen=True)
+class Curve:
+    """A compensation as calibration curve, and how far it deviates from the compensation."""
+
+    segments: int
+    power: int
+    residual_nm: float
+    residual_percent_fs: float
+    branch_residual_nm: float
+    branch_residual_percent_fs: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShownSheet(Told):
+    """Content of a memory; `sheet` as `teds read` writes it."""
+
+    sheet: Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class WrittenSheet(ShownSheet):
+    """Written content of a memory; `bytes` without checksums, `curve` of a model."""
+
+    bytes: int
+    curve: Curve | None
+
 
 MemoryArgument = Annotated[
     Path,
@@ -89,8 +93,9 @@ def show(
         Path, typer.Argument(help=("File with the memory's content, or a sheet (.json)."))
     ],
     checksums: ChecksumsOption = True,
-) -> None:
+) -> ShownSheet:
     """Show the values in a data sheet."""
+    from torquebench_teds import sheet_to_json
     from torquebench_teds.templates import BASIC, TEMPLATES
 
     sheet = _sheet(memory, checksums)
@@ -103,7 +108,7 @@ def show(
     if sheet.text:
         say(f"text: {escape(sheet.text)}")
     _tell_unread(sheet)
-    _answer(sheet)
+    return ShownSheet(headline="Data sheet.", sheet=sheet_to_json(sheet))
 
 
 @app.command("read")
@@ -111,7 +116,7 @@ def read(
     memory: MemoryArgument,
     result: Annotated[Path, typer.Option("--out", help="The sheet to write: NAME.json.")],
     checksums: ChecksumsOption = True,
-) -> None:
+) -> ShownSheet:
     """Read a memory into a data sheet in JSON that can be edited.
 
     Content that this version doesn't know is kept bit by bit, and `write` writes it again.
@@ -124,8 +129,8 @@ def read(
     sheet = _sheet(memory, checksums)
     atomic_write(result, json_text(sheet_to_json(sheet), indent=2) + "\n")
     _tell_unread(sheet)
-    _answer(sheet)
     say_file("Sheet", result)
+    return ShownSheet(headline="Data sheet.", sheet=sheet_to_json(sheet))
 
 
 @app.command("write")
@@ -163,13 +168,13 @@ def write(
         ),
     ] = None,
     checksums: ChecksumsOption = True,
-) -> None:
+) -> WrittenSheet:
     """Write a sheet as the content of a memory, with a compensation as its calibration curve.
 
     The curve's deviation from the compensation is stated in N·m and in % of full scale.
     """
     from torquebench.atomic_write import atomic_write
-    from torquebench_teds import SIZES, encode, sheet_from_json, write_memory
+    from torquebench_teds import SIZES, encode, sheet_from_json, sheet_to_json, write_memory
 
     check_output(result, sheet, *([] if model is None else [model]))
     wanted = sheet_from_json(_json(sheet))
@@ -189,7 +194,19 @@ def write(
     say(f"{len(data)} bytes of data sheet")
     if fit is not None:
         _tell_fit(fit)
-    _answer(wanted, bytes=len(data), curve=None if fit is None else CURVE_ANSWER.of(fit))
+    curve = None
+    if fit is not None:
+        curve = Curve(
+            fit.segments,
+            fit.power,
+            fit.residual_nm,
+            fit.residual_percent_fs,
+            fit.branch_residual_nm,
+            fit.branch_residual_percent_fs,
+        )
+    return WrittenSheet(
+        headline="Data sheet.", sheet=sheet_to_json(wanted), bytes=len(data), curve=curve
+    )
 
 
 def _sheet(memory: Path, checksums: bool) -> Sheet:
@@ -294,12 +311,6 @@ def _tell_unread(sheet: Sheet) -> None:
             f"{sheet.unread.why} isn't known: {len(sheet.unread.bits)} bits from there on are "
             "kept as they are"
         )
-
-
-def _answer(sheet: Sheet, **facts: Any) -> None:
-    from torquebench_teds import sheet_to_json
-
-    answer(sheet=sheet_to_json(sheet), **facts)
 
 
 def _print_values(title: str, fields: tuple[Field | Array, ...], values: Any) -> None:

@@ -6,14 +6,14 @@ import os
 import platform
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from torquebench.cli.doctor.bench import Finding
-from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     DEFAULT_DATA,
     REGISTRY_URL,
@@ -22,7 +22,8 @@ from torquebench.cli.options import (
     bench_description,
     has_registry,
 )
-from torquebench.cli.terminal.console import answer, narrow_table, note, out, say
+from torquebench.cli.reports import Told
+from torquebench.cli.terminal.console import narrow_table, note, out, say
 from torquebench.errors import TorquebenchError
 
 if TYPE_CHECKING:
@@ -56,6 +57,19 @@ NEEDED = ("Configured", "Reachable")
 """Steps that must succeed before the later ones."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Examined(Told):
+    """Everything that was examined."""
+
+    findings: Sequence[Finding]
+    problems: int
+
+    @property
+    def failed(self) -> bool:
+        """Whether a problem must be solved before work."""
+        return self.problems > 0
+
+
 def doctor(
     bench: BenchOption = None,
     data: DataOption = DEFAULT_DATA,
@@ -66,7 +80,7 @@ def doctor(
             help="Also power each drive at zero torque to test its stop and watchdog.",
         ),
     ] = False,
-) -> None:
+) -> Examined:
     """Check the installation, the bench description, the instruments and the records.
 
     Nothing is moved, and no drive is powered without `--test-drives`. Exit code 1 if a problem must
@@ -93,11 +107,13 @@ def doctor(
             note(f"the checks after {title!r} were omitted")
             break
     problems = sum(finding.state == "problem" for finding in findings)
-    answer(findings=findings, problems=problems)
-    if problems:
-        say(f"{problems} problem{'s' if problems > 1 else ''} to solve before you work.")
-        raise typer.Exit(CHECK_FAILED)
-    say("Ready.")
+    headline = (
+        f"{problems} problem{'s' if problems > 1 else ''} to solve before you work."
+        if problems
+        else "Ready."
+    )
+    say(headline)
+    return Examined(headline=headline, findings=findings, problems=problems)
 
 
 def installation() -> Iterator[Finding]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from dataclasses import field as data_field
 from datetime import date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,9 +13,9 @@ import typer
 from rich.markup import escape
 from rich.text import Text
 
+from torquebench import calibration
 from torquebench.cli.evaluate.dynamics import dynamics
 from torquebench.cli.evaluate.lubrication import lubrication
-from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     DEFAULT_DATA,
     HELP_MARKUP,
@@ -27,10 +29,12 @@ from torquebench.cli.options import (
     stated_reference,
     tell_columns,
 )
-from torquebench.cli.reports import ReportOption, check_reports, write_reports
-from torquebench.cli.terminal.console import answer, narrow_table, out, say, say_file, warn
+from torquebench.cli.reports import Told
+from torquebench.cli.terminal.console import narrow_table, out, say, say_file, warn
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.operations.result import HIDDEN
+from torquebench.reports.page import Page
 
 if TYPE_CHECKING:
     from torquebench.calibration import (
@@ -41,7 +45,7 @@ if TYPE_CHECKING:
         ReferenceStandard,
         SideBySide,
     )
-    from torquebench.campaign.external_calibration import ExternalCalibration
+    from torquebench.campaign.external_calibration import ExternalCalibration, RegisteredTable
     from torquebench.uncertainty import CertifiedUncertainty
 
 app = typer.Typer(
@@ -147,6 +151,32 @@ class RegistrationOptions:
         return circumstances
 
 
+@dataclass(frozen=True, kw_only=True)
+class EvaluatedStatic(Told):
+    """A calibration in steps; `results` as in the file of `--out`."""
+
+    points: int
+    range_nm: float
+    columns: Sequence[Mapping[str, Any]]
+    profile: Mapping[str, str]
+    data_sha256: str
+    deviations: Sequence[calibration.Deviation]
+    results: Any
+    calibration: str | None
+    model: str | None
+    described: Any = data_field(metadata=HIDDEN)
+
+    @property
+    def failed(self) -> bool:
+        """Whether the profile refuses a certificate."""
+        return any(each.consequence == "refuse" for each in self.deviations)
+
+    def page(self) -> Page:
+        """Return its description."""
+        page: Page = self.described()
+        return page
+
+
 @app.command("static")
 def static(
     data: Annotated[
@@ -184,7 +214,6 @@ def static(
     result: Annotated[
         Path | None, typer.Option("--out", help="A JSON file with every number.")
     ] = None,
-    report: ReportOption = None,
     degree: Annotated[
         int, typer.Option(min=1, max=3, help="Degree of the curve; smaller with few steps.")
     ] = 3,
@@ -197,7 +226,7 @@ def static(
     *,
     table: TableOptions,
     registration: RegistrationOptions,
-) -> None:
+) -> EvaluatedStatic:
     """Evaluate a calibration in steps: deviations, uncertainty, class, raw and compensated.
 
     Any number of series, mounting positions and steps is pooled and evaluated by the table's own
@@ -213,7 +242,6 @@ def static(
     chosen = load_profile(profile or "staircase") if profile or registration.register else None
     if chosen is not None:
         check_steps(chosen)
-    check_reports(report)
     if result is not None:
         check_output(result, data, endings=(".json",))
     person = ""
@@ -231,7 +259,7 @@ def static(
         conversion=table.conversion(),
         model=None if model is None else load_model(model),
     )
-    tell_columns(found_table.columns.understood, found_table.columns.notes)
+    columns = tell_columns(found_table.columns.understood, found_table.columns.notes)
     read = found_table.data
 
     from torquebench.calibration import (
@@ -241,6 +269,7 @@ def static(
         find_deviations,
         own_steps,
     )
+    from torquebench.reports.evaluation_report import static_page
     from torquebench.uncertainty import CertifiedUncertainty
 
     points = own_steps(read) if chosen is None else assign_nominal(read, chosen)
@@ -272,12 +301,7 @@ def static(
     _print_results(results, with_regression=with_regression)
     if chosen is not None:
         _print_deviations(deviations)
-    if report:
-        from torquebench.reports.evaluation_report import static_page
-
-        page = static_page(data.name, chosen, deviations, results, with_regression=with_regression)
-        write_reports(page, report)
-    content = {
+    content: dict[str, Any] = {
         "profile": {} if chosen is None else {"name": chosen.name, "sha256": chosen.sha256},
         "data_sha256": points.sha256(),
         "deviations": list(deviations),
@@ -288,18 +312,41 @@ def static(
             if each.name not in ("data", "torque_nm", "remarks")
         },
     }
-    answer(points=len(points), range_nm=points.range_nm, **content)
     if result is not None:
         from torquebench.atomic_write import atomic_write
         from torquebench.records import json_text
 
         atomic_write(result, json_text(content, indent=2) + "\n")
         say_file("Every number", result)
+    entered = None
     if circumstances is not None and chosen is not None:
-        _register(registration.records, data, points, chosen, circumstances, model)
+        entered = _register(registration.records, data, points, chosen, circumstances, model)
     if any(each.consequence == "refuse" for each in deviations):
         warn("the profile refuses a certificate for this calibration")
-        raise typer.Exit(CHECK_FAILED)
+    return EvaluatedStatic(
+        headline=Message("{count} deviations from the profile.", len(deviations))
+        if chosen is not None
+        else Message("{count} points.", len(points)),
+        simulated=points.simulated,
+        remarks=results.remarks,
+        run_ids=() if entered is None else (entered.run_id,),
+        points=len(points),
+        range_nm=points.range_nm,
+        columns=columns,
+        profile=content["profile"],
+        data_sha256=content["data_sha256"],
+        deviations=deviations,
+        results=content["results"],
+        calibration=None
+        if entered is None
+        else f"calibration-{entered.calibration.calibration_id}",
+        model=None
+        if entered is None or entered.model is None
+        else f"model-{entered.model.model_id}",
+        described=lambda: static_page(
+            data.name, chosen, deviations, results, with_regression=with_regression
+        ),
+    )
 
 
 def _person(folder: Path, name: str) -> str:
@@ -359,7 +406,7 @@ def _register(
     profile: Profile,
     circumstances: ExternalCalibration,
     model: Path | None,
-) -> None:
+) -> RegisteredTable:
     from torquebench.campaign.external_calibration import register_table
     from torquebench.records import Registry
     from torquebench.records.signatures import operator_name
@@ -372,11 +419,7 @@ def _register(
     if entered.model is not None:
         say(f"Compensation: model-{entered.model.model_id}.")
     say(f"Run: {entered.run_id}")
-    answer(
-        calibration=f"calibration-{entered.calibration.calibration_id}",
-        model=None if entered.model is None else f"model-{entered.model.model_id}",
-        run=entered.run_id,
-    )
+    return entered
 
 
 def _compensated(file: Path, points: CalibrationData) -> Any:

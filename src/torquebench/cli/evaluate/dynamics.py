@@ -2,18 +2,61 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from dataclasses import field as data_field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli.answers import EVALUATED_DYNAMICS
 from torquebench.cli.options import check_output
-from torquebench.cli.terminal.console import answer, narrow_table, out, say, say_file, warn
+from torquebench.cli.terminal.console import warn
+from torquebench.message import Message
+from torquebench.operations.result import HIDDEN, Result
+from torquebench.reports.page import Block, Facts, Page, Section, Table
 from torquebench.units import MS_PER_S
 
 if TYPE_CHECKING:
     from torquebench.campaign.dynamics import IdentifiedDynamics
+
+
+@dataclass(frozen=True)
+class EstimatedValue:
+    """A value with U (k = 2)."""
+
+    value: float
+    expanded_uncertainty: float
+    unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluatedDynamics(Result):
+    """Resonance, damping and lag of a chain, and the filter that inverts them."""
+
+    bandwidth_hz: float
+    noise_gain: float
+    delay_s: float
+    parameters: Mapping[str, EstimatedValue]
+    steps: Sequence[Any] = data_field(metadata=HIDDEN)
+
+    def page(self) -> Page:
+        """Return its description."""
+        rows = [
+            (name, f"{each.value:.4g}", f"{each.expanded_uncertainty:.2g}", each.unit)
+            for name, each in self.parameters.items()
+        ]
+        facts = [
+            (
+                words,
+                f"bandwidth {step.bandwidth_hz:.4g} Hz, overshoot of a step "
+                f"{100.0 * max(step.overshoot, 0.0):.2g} %, "
+                f"rise time {MS_PER_S * step.rise_time_s:.3g} ms",
+            )
+            for words, step in self.steps
+        ]
+        blocks: list[Block] = [Table(("", "value", "U (k = 2)", "unit"), rows), Facts(facts)]
+        return Page("Identified", "", [Section("", "", blocks)], simulated=self.simulated)
 
 
 def dynamics(
@@ -62,7 +105,7 @@ def dynamics(
             min=0, max=100, help="Expanded uncertainty (k = 2) of that moment of inertia, %."
         ),
     ] = 6.0,
-) -> None:
+) -> EvaluatedDynamics:
     """Identify resonance, damping and lag of a chain, and design the inverse filter.
 
     The torque at the flange must be known in every row, by a reference that is faster than the
@@ -86,7 +129,6 @@ def dynamics(
         if motor_inertia is None
         else MotorInertia.stated(motor_inertia, motor_inertia_u),
     )
-    _print(found)
     if empty is not None and model is None:
         warn(
             "inertia, stiffness and damping follow from uncompensated "
@@ -94,32 +136,40 @@ def dynamics(
             "of the chain's curve at small torques; give --model"
         )
     save_dynamics(result, found)
-    say_file("Dynamics", result)
+    designed = found.designed
+    return EvaluatedDynamics(
+        headline=Message(
+            "The filter needs readings every {interval:.4g} ms, amplifies white noise by a factor "
+            "of {gain:.3g} and delays the torque by {delay:.3g} ms.",
+            MS_PER_S * designed.interval_s,
+            designed.noise_gain,
+            MS_PER_S * designed.delay_s,
+        ),
+        simulated=found.simulated,
+        files=(str(result),),
+        bandwidth_hz=designed.bandwidth_hz,
+        noise_gain=designed.noise_gain,
+        delay_s=designed.delay_s,
+        parameters=_parameters(found),
+        steps=[("raw", designed.raw), ("with the filter", designed.compensated)],
+    )
 
 
-def _estimated(value: float, u: float, unit: str) -> dict[str, float | str]:
-    return {"value": value, "expanded_uncertainty": 2.0 * u, "unit": unit}
-
-
-def _print(found: IdentifiedDynamics) -> None:
-    transfer, designed = found.transfer, found.designed
+def _parameters(found: IdentifiedDynamics) -> dict[str, EstimatedValue]:
+    transfer = found.transfer
     rows = [
         ("resonance", "resonance_hz", 1.0, "Hz"),
         ("damping ratio", "damping_ratio", 1.0, ""),
         ("lag", "lag_s", 1e6, "µs"),
         ("delay", "delay_s", 1e6, "µs"),
     ]
-    simulated = " - simulated" if found.simulated else ""
-    table = narrow_table(f"Identified{simulated}", columns=("", ">value", ">U (k = 2)", "unit"))
-    parameters: dict[str, dict[str, float | str]] = {}
+    parameters = {}
     for words, name, factor, unit in rows:
         value, u = getattr(transfer, name), transfer.standard_uncertainty(name)
-        table.add_row(words, f"{factor * value:.4g}", f"{2.0 * factor * u:.2g}", unit)
-        parameters[words] = _estimated(factor * value, factor * u, unit)
+        parameters[words] = EstimatedValue(factor * value, 2.0 * factor * u, unit)
     if found.vibration is not None:
         u = found.vibration.covariance[0][0] ** 0.5
-        table.add_row("vibration", f"{found.vibration.frequency_hz:.4g}", f"{2.0 * u:.2g}", "Hz")
-        parameters["vibration"] = _estimated(found.vibration.frequency_hz, u, "Hz")
+        parameters["vibration"] = EstimatedValue(found.vibration.frequency_hz, 2.0 * u, "Hz")
     if found.inertia is not None and found.shaft is not None:
         moment, shaft = found.inertia, found.shaft
         for words, value, u, unit in (
@@ -127,18 +177,5 @@ def _print(found: IdentifiedDynamics) -> None:
             ("stiffness", shaft.stiffness_nm_rad, shaft.stiffness_uncertainty_nm_rad, "N·m/rad"),
             ("damping", shaft.damping_nm_s, shaft.damping_uncertainty_nm_s, "N·m·s/rad"),
         ):
-            table.add_row(words, f"{value:.4g}", f"{2.0 * u:.2g}", unit)
-            parameters[words] = _estimated(value, u, unit)
-    out().print(table)
-    answer(**EVALUATED_DYNAMICS.of(found, parameters=parameters))
-    for words, step in (("raw", designed.raw), ("with the filter", designed.compensated)):
-        say(
-            f"{words}: bandwidth {step.bandwidth_hz:.4g} Hz, overshoot of a step "
-            f"{100.0 * max(step.overshoot, 0.0):.2g} %, "
-            f"rise time {MS_PER_S * step.rise_time_s:.3g} ms"
-        )
-    say(
-        f"the filter needs readings every {MS_PER_S * designed.interval_s:.4g} ms, "
-        f"amplifies white noise by a factor of {designed.noise_gain:.3g} and delays the torque by "
-        f"{MS_PER_S * designed.delay_s:.3g} ms"
-    )
+            parameters[words] = EstimatedValue(value, 2.0 * u, unit)
+    return parameters

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from torquebench.cli.evaluate.dynamics import EstimatedValue
 from torquebench.cli.options import ColumnOption, check_output
-from torquebench.cli.terminal.console import answer, say, say_file
+from torquebench.message import Message
+from torquebench.operations.result import Result
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluatedLubrication(Result):
+    """Factor on the drag of the bearings by the present lubricant."""
+
+    record: str
+    factor: EstimatedValue
 
 
 def lubrication(
@@ -20,7 +30,7 @@ def lubrication(
         str, typer.Option(help="Type, amount and hours of the lubricant, for the record.")
     ] = "",
     column: ColumnOption = None,
-) -> None:
+) -> EvaluatedLubrication:
     """Determine the factor of the present lubricant on the bearings' drag.
 
     The empty run goes over the working speeds in both directions. The new file is the same chain
@@ -41,6 +51,13 @@ def lubrication(
         replace(stored, provenance=replace(stored.provenance, effects=renewed.specification())),
     )
     value, u = found.lubrication, 2.0 * found.lubrication_uncertainty
-    say(f"Drag of the bearings: {value:.3g} times that of the chain's empty runs, U = {u:.2g}")
-    answer(factor={"value": value, "expanded_uncertainty": u, "unit": ""}, record=found.record)
-    say_file("Chain", result)
+    return EvaluatedLubrication(
+        headline=Message(
+            "Drag of the bearings: {value:.3g} times that of the chain's empty runs, U = {u:.2g}",
+            value,
+            u,
+        ),
+        files=(str(result),),
+        record=found.record,
+        factor=EstimatedValue(value, u, ""),
+    )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from dataclasses import field as data_field
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,9 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
-from torquebench.cli.answers import APPLIED, FITTED, VERIFIED
+from torquebench import calibration, compensation
 from torquebench.cli.chain_words import tell_missing
-from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.models.parameters import ParameterOption, model_parameters
 from torquebench.cli.options import (
     RangeOption,
@@ -23,14 +24,15 @@ from torquebench.cli.options import (
     stated_reference,
     tell_columns,
 )
-from torquebench.cli.reports import ReportOption, check_reports, write_reports
-from torquebench.cli.terminal.console import answer, out, say, say_file, warn, write_contradictions
+from torquebench.cli.reports import Told
+from torquebench.cli.terminal.console import out, say, say_file, warn, write_contradictions
 from torquebench.errors import InputError
+from torquebench.message import Message
+from torquebench.operations.result import HIDDEN
+from torquebench.reports.page import Page
 from torquebench.units import MS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     import numpy as np
     from numpy.typing import NDArray
 
@@ -40,7 +42,7 @@ if TYPE_CHECKING:
     from torquebench.compensation import StoredModel
     from torquebench.tables import ReadingsTable, Table, TableColumns
 
-__all__ = ["LimitsOption", "apply", "chain_of", "fit", "verify", "write_verification"]
+__all__ = ["LimitsOption", "apply", "chain_of", "fit", "verify"]
 
 ModelArgument = Annotated[Path, typer.Argument(help="A model file that `fit` wrote.")]
 LimitsOption = Annotated[
@@ -59,6 +61,76 @@ class Outliers(StrEnum):
     DOWNWEIGHT = "downweight"
     REFUSE = "refuse"
     KEEP = "keep"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittedModel(Told):
+    """A model that was fitted to a table; `comparison` with `--compare`."""
+
+    range_nm: float
+    points: int
+    kind: str
+    title: str
+    raw: calibration.ErrorSummary
+    fitted: calibration.ErrorSummary
+    scatter_nm: float | None
+    contradictions: Sequence[calibration.Contradiction]
+    comparison: Sequence[compensation.ModelScore] | None
+    columns: Sequence[Mapping[str, Any]]
+    accepted: bool = data_field(metadata=HIDDEN)
+    fit: Any = data_field(metadata=HIDDEN)
+    """The `FitResult`, for the report."""
+    turning: Any = data_field(metadata=HIDDEN)
+    """What was identified from empty runs."""
+
+    @property
+    def failed(self) -> bool:
+        """Whether the points contradict each other, and nobody has accepted that."""
+        return bool(self.contradictions) and not self.accepted
+
+    def page(self) -> Page:
+        """Return its description; drawing it takes a third of the time of a fit."""
+        from torquebench.reports.fit_report import fit_page
+        from torquebench.reports.turning_report import identified_section
+
+        page = fit_page(self.fit)
+        if not self.turning.effects:
+            return page
+        section = identified_section(self.turning.effects, self.turning.remarks, self.range_nm)
+        return replace(page, sections=[*page.sections, section])
+
+
+@dataclass(frozen=True, kw_only=True)
+class AppliedModel(Told):
+    """Readings that were compensated."""
+
+    rows: int
+    lowest_nm: float
+    highest_nm: float
+    largest_uncertainty_nm: float
+    unmeasured: Sequence[str]
+    columns: Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerifiedModel(Told):
+    """Models at points that they weren't fitted to; the verdict is that of the second entry."""
+
+    range_nm: float
+    groups: int
+    points: int
+    models: Sequence[calibration.ModelVerification]
+    tolerance_percent_fs: float
+    passed: bool
+    not_in_u: Sequence[str]
+    columns: Sequence[Mapping[str, Any]]
+    cells: Sequence[calibration.Cell] | None
+    described: Any = data_field(metadata=HIDDEN)
+
+    def page(self) -> Page:
+        """Return its description."""
+        page: Page = self.described()
+        return page
 
 
 def fit(
@@ -82,7 +154,6 @@ def fit(
     result: Annotated[Path, typer.Option("--out", help="The model file to write.")] = Path(
         "model.json"
     ),
-    report: ReportOption = None,
     one_direction: Annotated[
         bool,
         typer.Option("--one-direction", help="The chain is loaded in one direction only."),
@@ -116,7 +187,7 @@ def fit(
     by: Annotated[str, typer.Option(metavar="NAME", help="Who decides so.")] = "",
     *,
     table: TableOptions,
-) -> None:
+) -> FittedModel:
     """Fit a compensation model to a calibration.
 
     The default model averages over all effects that the chain may have, including a plain straight
@@ -135,7 +206,6 @@ def fit(
 
     inputs = [*data, *(empty or ()), *([] if dynamics is None else [dynamics])]
     check_output(result, *inputs, endings=(".json",))
-    check_reports(report)
     if model is not None:
         check_kind(model)
     parameters = model_parameters(model or DEFAULT_KIND, parameter)
@@ -161,9 +231,10 @@ def fit(
         )
         for file in data
     }
+    columns: list[dict[str, Any]] = []
     for name, each in read.items():
         shown = name if len(read) > 1 else ""
-        tell_columns(each.columns.understood, each.columns.notes, shown)
+        columns += tell_columns(each.columns.understood, each.columns.notes, shown)
     tables = {name: each.data for name, each in read.items()}
     runs = [read_empty_run(file, assigned) for file in empty or ()]
 
@@ -217,15 +288,6 @@ def fit(
         accepted=f"{by.strip()}: {accept.strip()}" if by and fitted.contradictions else "",
     )
     say_file("Model", result)
-    if report:  # imported here, because drawing takes a third of the time
-        from torquebench.reports.fit_report import fit_page
-        from torquebench.reports.turning_report import identified_section
-
-        page = fit_page(fitted)
-        if turning.effects:
-            section = identified_section(turning.effects, turning.remarks, points.range_nm)
-            page = replace(page, sections=[*page.sections, section])
-        write_reports(page, report)
     if fitted.contradictions:
         write_contradictions(
             fitted.contradictions,
@@ -234,8 +296,24 @@ def fit(
             else "find the cause and measure again, or override this with a name and a reason: "
             "--accept REASON --by NAME",
         )
-        if not by:
-            raise typer.Exit(CHECK_FAILED)
+    compared = fitted.comparison
+    return FittedModel(
+        headline=Message("{source}: {title}", fitted.source, fitted.title),
+        simulated=fitted.data.simulated,
+        range_nm=fitted.data.range_nm,
+        points=len(fitted.data),
+        kind=fitted.name,
+        title=fitted.title,
+        raw=fitted.raw,
+        fitted=fitted.fitted,
+        scatter_nm=None if fitted.noise is None else fitted.noise.standard_deviation_nm,
+        contradictions=fitted.contradictions,
+        comparison=None if compared is None else compared.scores,
+        columns=columns,
+        accepted=bool(by),
+        fit=fitted,
+        turning=turning,
+    )
 
 
 def _print_fit(fitted: FitResult) -> None:
@@ -257,9 +335,6 @@ def _print_fit(fitted: FitResult) -> None:
     rows = [("raw reading", fitted.raw), (f"*{fitted.title}", fitted.fitted)]
     for part in error_blocks([("on the points that it was fitted to", rows)]):
         out().print(part)
-    answer(**FITTED.of(fitted, points=len(data)))
-    if comparison is not None:
-        answer(comparison=comparison.scores)
 
 
 def apply(
@@ -282,7 +357,7 @@ def apply(
     bench: LimitsOption = None,
     *,
     table: TableOptions,
-) -> None:
+) -> AppliedModel:
     """Compensate readings: add torque, additional torque and expanded uncertainty (k = 2).
 
     U is that of the whole measuring chain; `budget` shows its contributions. The columns branch,
@@ -318,10 +393,11 @@ def apply(
         chain = chain.with_effects([SwitchedOff.of("stated with apply", *without)])
     stream = RecordedStream(chain)
     unmeasured: dict[str, None] = {}
+    described: list[dict[str, Any]] = []
 
     def checked(file: Table, columns: TableColumns) -> None:
         check_model(stored, file, columns)
-        tell_columns(columns.understood, file.notes)
+        described.extend(tell_columns(columns.understood, file.notes))
 
     def known(table: ReadingsTable) -> Readings:
         return table.readings(zero_age_h=zero_age, zero_temperature_c=zero_temperature)
@@ -365,7 +441,6 @@ def apply(
         f"U (k = 2) up to {done.largest_uncertainty_nm:.3g} N·m"
     )
     say_file("Torque", result)
-    answer(**APPLIED.of(done, unmeasured=list(unmeasured)))
     if filtering is not None:
         say(
             f"each torque belongs to the time of its row; the filter uses readings up to "
@@ -374,6 +449,12 @@ def apply(
     if unmeasured:
         say(f"not in the file, U contains its possible range: {', '.join(unmeasured)}")
     tell_missing(chain.missing())
+    return AppliedModel(
+        headline=Message("{rows} readings compensated.", done.rows),
+        **vars(done),
+        unmeasured=list(unmeasured),
+        columns=described,
+    )
 
 
 def verify(
@@ -393,11 +474,10 @@ def verify(
         list[Path] | None,
         typer.Option("--with", help="Another model beside it, for comparison. May be repeated."),
     ] = None,
-    report: ReportOption = None,
     bench: LimitsOption = None,
     *,
     table: TableOptions,
-) -> None:
+) -> VerifiedModel:
     """Verify a model on points that it wasn't fitted to; exit code 1 if out of tolerance.
 
     Every series of the table is a group. --with shows other models beside it; the verdict is that
@@ -407,7 +487,6 @@ def verify(
     from torquebench.compensation import load_model
     from torquebench.tables import read_calibration_table
 
-    check_reports(report)
     stored = load_model(model)
     compared = {f"model {path.stem}": load_model(path) for path in others or []}
     options: dict[str, Any] = {"mapping": table.column or (), "conversion": table.conversion()}
@@ -415,11 +494,12 @@ def verify(
     for other in compared.values():
         read_calibration_table(data, model=other, **options)  # raises an error for another chain
     points = read.data
-    tell_columns(read.columns.understood, read.columns.notes)
+    columns = tell_columns(read.columns.understood, read.columns.notes)
     if points.sha256() == stored.provenance.training_data_sha256:
         warn("the model was fitted to these points: this isn't a verification")
     _warn_of_contradictions(stored)
 
+    from torquebench.calibration import cells
     from torquebench.calibration import verify as verify_models
     from torquebench.chain import SwitchedOff
     from torquebench.cli.tables import cells_table, print_kept, print_verification
@@ -447,23 +527,29 @@ def verify(
     tell_missing(chain.missing())
     if chain.turns:
         out().print(cells_table(points, torque))
-        from torquebench.calibration import cells
-
-        answer(cells=cells(points, torque))
-    write_verification(
-        points,
-        dict(zip(titles, torques.values(), strict=True)),
-        (("Points", data.name), ("Model", model.name)),
-        tolerance,
-        report or [],
-        torque if chain.turns else None,
-    )
-    missing = list(chain.missing())
     worst = compensated.against_standard.worst_percent_fs
     passed = print_kept("worst error", worst, tolerance)
-    answer(**VERIFIED.of(result, tolerance_percent_fs=tolerance, passed=passed, not_in_u=missing))
-    if not passed:
-        raise typer.Exit(CHECK_FAILED)
+    return VerifiedModel(
+        headline=Message("Worst error {percent:.3g} % FS.", worst),
+        verdict="pass" if passed else "fail",
+        simulated=result.simulated,
+        range_nm=result.range_nm,
+        groups=result.groups,
+        points=result.points,
+        models=result.models,
+        tolerance_percent_fs=tolerance,
+        passed=passed,
+        not_in_u=list(chain.missing()),
+        columns=columns,
+        cells=cells(points, torque) if chain.turns else None,
+        described=lambda: verification_description(
+            points,
+            dict(zip(titles, torques.values(), strict=True)),
+            (("Points", data.name), ("Model", model.name)),
+            tolerance,
+            torque if chain.turns else None,
+        ),
+    )
 
 
 def chain_of(stored: StoredModel, bench: Path | None) -> MeasuringChain:
@@ -488,17 +574,14 @@ def _torque(
     return chain.torque(readings)
 
 
-def write_verification(
+def verification_description(
     points: CalibrationData,
     torques: Mapping[str, Torque],
     facts: Sequence[tuple[str, str]],
     tolerance: float,
-    reports: Sequence[Path],
     turning: Torque | None = None,
-) -> None:
-    """Write the reports; for a rotating chain, with errors over speed and temperature."""
-    if not reports:
-        return
+) -> Page:
+    """Return the report of a verification; of a rotating chain with errors over its speed."""
     from torquebench.reports.verification_report import Verified, verification_page
 
     verified = [
@@ -510,7 +593,7 @@ def write_verification(
         from torquebench.reports.turning_report import turning_section
 
         page = replace(page, sections=[*page.sections, turning_section(points, turning, tolerance)])
-    write_reports(page, reports)
+    return page
 
 
 def _title(stored: StoredModel) -> str:

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from dataclasses import field as data_field
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-from rich.markup import escape
 
-from torquebench.cli.answers import BUDGETED_READING, EXPORTED_MODEL
+from torquebench import uncertainty
 from torquebench.cli.models.commands import LimitsOption, chain_of
 from torquebench.cli.options import ReferenceOption, check_output, stated_reference
-from torquebench.cli.terminal.console import answer, narrow_table, out, say, warn
+from torquebench.message import Message
+from torquebench.operations.result import HIDDEN, Result
+from torquebench.reports.page import Facts, Page, Section, Table
 from torquebench.units import DEGREE, HOURS_PER_DAY
-
-if TYPE_CHECKING:
-    from torquebench.uncertainty import Budget
 
 __all__ = ["budget", "export"]
 
@@ -35,6 +35,53 @@ class Branch(StrEnum):
 _SIGNS = {Branch.UP: 1, Branch.DOWN: -1, Branch.UNKNOWN: 0}
 
 
+@dataclass(frozen=True, kw_only=True)
+class ExportedModel(Result):
+    """A model's table for other programs; branch: +1 rising, -1 falling magnitude, 0 unknown."""
+
+    intervals: int
+    degree: int
+    branch_aware: bool
+    low_nm: float
+    high_nm: float
+    largest_deviation_nm: float
+    partial_loops_deviation_nm: float
+
+
+@dataclass(frozen=True)
+class BudgetedReading:
+    """The budget of one compensated reading, and the interval of Monte Carlo.
+
+    k is 2: u of curve and scatter contains Student's factor for `student_degrees_of_freedom`.
+    """
+
+    reading_nm: float
+    branch: str
+    student_degrees_of_freedom: float
+    torque_nm: float
+    standard_uncertainty_nm: float
+    coverage_factor: float
+    expanded_uncertainty_nm: float
+    lines: Sequence[uncertainty.BudgetLine]
+    monte_carlo_low_nm: float
+    monte_carlo_high_nm: float
+    agrees: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Budgets(Result):
+    """One budget a reading."""
+
+    readings: Sequence[BudgetedReading]
+    not_in_u: str
+    checks: Sequence[str] = data_field(metadata=HIDDEN)
+
+    def page(self) -> Page:
+        """Return its description."""
+        sections = [_contributions(*each) for each in zip(self.readings, self.checks, strict=True)]
+        return Page("Uncertainty budget", self.not_in_u, sections)
+
+
 def export(
     model: ModelArgument,
     result: Annotated[
@@ -46,7 +93,7 @@ def export(
     no_uncertainty: Annotated[
         bool, typer.Option("--no-uncertainty", help="Leave the uncertainty out.")
     ] = False,
-) -> None:
+) -> ExportedModel:
     """Compile a model to a table for other programs: CSV, C header, Structured Text or ONNX.
 
     The file states its largest deviation from the model, on the calibrated loop and over partial
@@ -63,25 +110,32 @@ def export(
     from torquebench.compensation import compile_table, export_table
     from torquebench.compensation.export.branches import partial_loop_deviation
 
-    if MeasuringChain.of(stored).turns:
-        warn("the table contains only the static curve, without temperature, rotation and inertia")
-
     table = compile_table(stored.model, uncertainty=not no_uncertainty)
     export_table(result, table, stored.provenance, decimal_comma=decimal_comma)
-    degree = {1: "linear", 3: "cubic"}[table.curve.degree]
-    branches = "each branch" if table.curve.branch_aware else "any branch"
-    say(
-        f"{escape(str(result))}: {table.curve.intervals} {degree} intervals for {branches}, "
-        f"{table.reading_low_nm:g} to {table.reading_high_nm:g} N·m"
-    )
-    partial_nm = partial_loop_deviation(table)
-    answer(**EXPORTED_MODEL.of(table, files=[str(result)], partial_loops_deviation_nm=partial_nm))
     percent = 100.0 * table.bound_nm / table.full_scale_nm
-    say(f"table's deviation from the model: at most {table.bound_nm:.2g} N·m ({percent:.1g} % FS)")
-    if not table.curve.branch_aware:
-        return
-    say(f"after reversals in mid-range, with the branch alone: at most {partial_nm:.2g} N·m")
-    say("branch: +1 if the magnitude of the torque increases, -1 if it decreases, 0 if unknown")
+    return ExportedModel(
+        headline=Message(
+            "{count} {degree} intervals for {branches}; the table deviates from the model by at "
+            "most {bound:.2g} N·m ({percent:.1g} % FS).",
+            table.curve.intervals,
+            {1: "linear", 3: "cubic"}[table.curve.degree],
+            "each branch" if table.curve.branch_aware else "any branch",
+            table.bound_nm,
+            percent,
+        ),
+        remarks=(
+            *("the table is the static curve: temperature, rotation and inertia aren't in it",)
+            * MeasuringChain.of(stored).turns,
+        ),
+        files=(str(result),),
+        intervals=table.curve.intervals,
+        degree=table.curve.degree,
+        branch_aware=table.curve.branch_aware,
+        low_nm=table.reading_low_nm,
+        high_nm=table.reading_high_nm,
+        largest_deviation_nm=table.bound_nm,
+        partial_loops_deviation_nm=partial_loop_deviation(table),
+    )
 
 
 def budget(
@@ -132,7 +186,7 @@ def budget(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the Monte Carlo check.")] = 0,
     bench: LimitsOption = None,
-) -> None:
+) -> Budgets:
     """Compute the uncertainty budget of readings by the GUM, checked by Monte Carlo.
 
     U is the one that `apply`, `measure`, the panel and certificates state for the same reading
@@ -147,8 +201,7 @@ def budget(
     stored = load_model(model)
 
     from torquebench.campaign.chains import stated_effects
-    from torquebench.chain import readings_of_rows
-    from torquebench.cli.chain_words import tell_missing
+    from torquebench.chain import not_in_u, readings_of_rows
 
     chain = chain_of(stored, bench)
     chain = chain.with_effects(
@@ -181,36 +234,56 @@ def budget(
     age_h = None if age_days is None else HOURS_PER_DAY * age_days
     torque = chain.torque(replace(known, zero_nm=zero, calibration_age_h=age_h, loadings=averaged))
     freedom = stored.model.scatter_freedom
-    for row, value in enumerate(reading):
-        checked = torque.check(row, generator=np.random.default_rng(seed))
-        say(f"[bold]reading {value:g} N·m, branch {branch.value}[/bold]")
-        _print_budget(checked.budget)
-        facts = {"reading_nm": value, "branch": branch, "student_degrees_of_freedom": freedom}
-        answer(readings=[BUDGETED_READING.of(checked, **facts)])
-        (say if checked.agrees else warn)(checked.sentence())
-        if not checked.agrees:
-            found = checked.monte_carlo
-            percent = 100.0 * found.coverage_probability
-            say(f"Monte Carlo, {percent:.4g} %: {found.low:.7g} to {found.high:.7g} N·m")
-    say(f"k = 2: curve and scatter contain Student's factor for {freedom:.3g} degrees of freedom")
-    tell_missing(chain.missing())
-
-
-def _print_budget(found: Budget) -> None:
-    """Print the contributions, the largest first, and the result."""
-    table = narrow_table(columns=("|quantity", ">|u N·m", ">|distribution", ">|share"))
-    for line in sorted(found.lines, key=lambda each: -each.contribution):
-        if line.contribution == 0.0:
-            continue
-        table.add_row(
-            line.name,
-            f"{line.contribution:.3g}",
-            str(line.distribution),
-            f"{100.0 * line.share:.1f} %",
-        )
-    out().print(table)
-    say(
-        f"torque {found.value:.7g} N·m, u = {found.standard_uncertainty:.3g} N·m, "
-        f"k = {found.coverage_factor():.2f}, "
-        f"[bold]U = {found.expanded_uncertainty():.2g} N·m[/bold]"
+    found = [
+        torque.check(row, generator=np.random.default_rng(seed)) for row in range(len(reading))
+    ]
+    return Budgets(
+        headline=Message(
+            "k = 2: curve and scatter contain Student's factor for {freedom:.3g} degrees of "
+            "freedom.",
+            freedom,
+        ),
+        remarks=tuple(each.sentence() for each in found if not each.agrees),
+        readings=[
+            BudgetedReading(
+                reading_nm=value,
+                branch=branch.value,
+                student_degrees_of_freedom=freedom,
+                torque_nm=each.budget.value,
+                standard_uncertainty_nm=each.budget.standard_uncertainty,
+                coverage_factor=each.budget.coverage_factor(),
+                expanded_uncertainty_nm=each.budget.expanded_uncertainty(),
+                lines=each.budget.lines,
+                monte_carlo_low_nm=each.monte_carlo.low,
+                monte_carlo_high_nm=each.monte_carlo.high,
+                agrees=each.agrees,
+            )
+            for value, each in zip(reading, found, strict=True)
+        ],
+        not_in_u=not_in_u(chain.missing()) or "",
+        checks=[each.sentence() for each in found],
     )
+
+
+def _contributions(reading: BudgetedReading, sentence: str) -> Section:
+    """Describe the contributions, the largest first, and the result."""
+    rows = [
+        (line.name, f"{line.contribution:.3g}", str(line.distribution), f"{100 * line.share:.1f} %")
+        for line in sorted(reading.lines, key=lambda each: -each.contribution)
+        if line.contribution != 0.0
+    ]
+    facts = [
+        (
+            "torque",
+            f"{reading.torque_nm:.7g} N·m, u = {reading.standard_uncertainty_nm:.3g} N·m, "
+            f"k = {reading.coverage_factor:.2f}, U = {reading.expanded_uncertainty_nm:.2g} N·m",
+        ),
+        ("check", sentence),
+        (
+            "Monte Carlo",
+            f"{reading.monte_carlo_low_nm:.7g} to {reading.monte_carlo_high_nm:.7g} N·m",
+        ),
+    ]
+    title = f"reading {reading.reading_nm:g} N·m, branch {reading.branch}"
+    table = Table(("quantity", "u N·m", "distribution", "share"), rows)
+    return Section(title, "", [table, Facts(facts)])

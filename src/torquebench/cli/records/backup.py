@@ -2,18 +2,69 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from torquebench.cli.answers import BACKED_UP, REBUILT, RESTORED
-from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
-from torquebench.cli.terminal.console import answer, say, warn
 from torquebench.cli.terminal.progress import TerminalProgress
+from torquebench.message import Message
+from torquebench.operations.result import Result
 
 __all__ = ["backup", "rebuild", "restore"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BackedUp(Result):
+    """Result of a backup."""
+
+    runs: int
+    known_runs: int
+    open_runs: Sequence[str]
+    files_copied: int
+    outside: Sequence[str]
+    problems: Sequence[str]
+    chain_end: str
+
+    @property
+    def failed(self) -> bool:
+        """Whether something couldn't be copied."""
+        return bool(self.problems)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestoredFiles(Result):
+    """What was restored, replaced and kept; `aside` has the replaced files."""
+
+    restored: Sequence[str]
+    replaced: Sequence[str]
+    kept: Sequence[str]
+    missing: Sequence[str]
+    aside: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RebuiltRegistry(Result):
+    """Content of a rebuilt registry; `lost` was in the previous one only, which is `aside`."""
+
+    anew: bool
+    mended: Sequence[str]
+    aside: str | None
+    runs: Sequence[str]
+    calibrations: Sequence[str]
+    models: Sequence[str]
+    certificates: Sequence[str]
+    unfitted: Sequence[str]
+    problems: Sequence[str]
+    lost: Sequence[str]
+
+    @property
+    def failed(self) -> bool:
+        """Whether something couldn't be entered."""
+        return bool(self.problems)
 
 
 def backup(
@@ -22,7 +73,7 @@ def backup(
         typer.Argument(help="A new folder, or an earlier backup, which is brought up to date."),
     ],
     data: DataOption = DEFAULT_DATA,
-) -> None:
+) -> BackedUp:
     """Copy all records into a folder, even while the bench runs.
 
     The registry is copied in one consistent state, with all files that it names: runs, models,
@@ -34,20 +85,30 @@ def backup(
 
     with TerminalProgress() as progress:
         done = back_up(data_directory(data), target, progress)
-    answer(**BACKED_UP.of(done))
-    say(
-        f"{done.runs} run folders and {done.files} other files copied to {target}, "
-        f"{done.known_runs} run folders were there already"
+    return BackedUp(
+        headline=Message(
+            "{runs} run folders and {files} other files copied to {target}, {known} run folders "
+            "were there already.",
+            done.runs,
+            done.files,
+            target,
+            done.known_runs,
+        ),
+        remarks=(
+            *(
+                f"{file} lies outside the data directory and isn't in the backup"
+                for file in done.outside
+            ),
+            *(f"not copied: {problem}" for problem in done.problems),
+        ),
+        runs=done.runs,
+        known_runs=done.known_runs,
+        open_runs=done.open_runs,
+        files_copied=done.files,
+        outside=done.outside,
+        problems=done.problems,
+        chain_end=str(done.head),
     )
-    if done.open_runs:
-        say(f"still running, copied in their present state: {', '.join(done.open_runs)}")
-    for file in done.outside:
-        warn(f"{file} lies outside the data directory and isn't in the backup")
-    for problem in done.problems:
-        warn(f"not copied: {problem}")
-    say(f"chain end {done.head}")
-    if done.problems:
-        raise typer.Exit(CHECK_FAILED)
 
 
 def restore(
@@ -59,7 +120,7 @@ def restore(
         ),
     ] = False,
     data: DataOption = DEFAULT_DATA,
-) -> None:
+) -> RestoredFiles:
     """Restore missing files from a backup, and with `--replace` damaged ones.
 
     The backup is compared with its registry first; nothing is restored from a damaged one, or from
@@ -71,26 +132,25 @@ def restore(
 
     with TerminalProgress() as progress:
         done = restore_backup(source, data, replace=replace, progress=progress)
-    answer(**RESTORED.of(done))
-    say(f"{len(done.restored)} restored, {len(done.replaced)} replaced, {len(done.kept)} kept")
-    for title, names in (("restored", done.restored), ("replaced", done.replaced)):
-        for name in names[:20]:
-            say(f"{title}  {name}")
-        if len(names) > 20:
-            say(f"{title}  and {len(names) - 20} more")
-    for name in done.kept:
-        say(f"newer than the backup, kept  {name}")
-    for name in done.missing:
-        warn(f"the backup doesn't have {name}")
-    if done.aside is not None:
-        say(f"replaced files are in {done.aside}")
-    say(
-        "see `torquebench records verify`; runs that are newer than the backup are entered by "
-        "`torquebench records rebuild`"
+    return RestoredFiles(
+        headline=Message(
+            "{restored} restored, {replaced} replaced, {kept} kept. See `torquebench records "
+            "verify`; runs that are newer than the backup are entered by `torquebench records "
+            "rebuild`.",
+            len(done.restored),
+            len(done.replaced),
+            len(done.kept),
+        ),
+        remarks=tuple(f"the backup doesn't have {name}" for name in done.missing),
+        restored=done.restored,
+        replaced=done.replaced,
+        kept=done.kept,
+        missing=done.missing,
+        aside=None if done.aside is None else str(done.aside),
     )
 
 
-def rebuild(data: DataOption = DEFAULT_DATA) -> None:
+def rebuild(data: DataOption = DEFAULT_DATA) -> RebuiltRegistry:
     """Rebuild a lost or damaged registry from the run folders, or complete an intact one.
 
     A damaged registry is kept under another name. Runs, their benches and zeros, calibrations,
@@ -104,24 +164,31 @@ def rebuild(data: DataOption = DEFAULT_DATA) -> None:
 
     with TerminalProgress() as progress:
         done = rebuild_registry(checked_directory(data), operator_name(), progress)
-    answer(**REBUILT.of(done))
-    if done.aside is not None:
-        say(f"the previous registry is in {done.aside}")
-    for what in done.mended:
-        say(f"made again  {what}")
-    if done.anew:
-        say("a new registry was created")
-    say(
-        f"{len(done.runs)} runs, {len(done.calibrations)} calibrations, {len(done.models)} models "
-        f"and {len(done.certificates)} certificates entered"
+    return RebuiltRegistry(
+        headline=Message(
+            "{runs} runs, {calibrations} calibrations, {models} models and {certificates} "
+            "certificates entered{anew}.",
+            len(done.runs),
+            len(done.calibrations),
+            len(done.models),
+            len(done.certificates),
+            " in a new registry" if done.anew else "",
+        ),
+        remarks=(
+            *(
+                f"run {run_id} has no model: `torquebench records finish {run_id}` fits it"
+                for run_id in done.unfitted
+            ),
+            *(f"not entered: {problem}" for problem in done.problems),
+        ),
+        anew=done.anew,
+        mended=done.mended,
+        aside=None if done.aside is None else str(done.aside),
+        runs=done.runs,
+        calibrations=done.calibrations,
+        models=done.models,
+        certificates=done.certificates,
+        unfitted=done.unfitted,
+        problems=done.problems,
+        lost=NOT_REBUILT if done.anew else (),
     )
-    for run_id in done.unfitted:
-        say(f"run {run_id} has no model: `torquebench records finish {run_id}` fits and registers")
-    for problem in done.problems:
-        warn(f"not entered: {problem}")
-    if done.anew:
-        say("Not in the new registry, because only the old one contained it:")
-        for what in NOT_REBUILT:
-            say(f"- {what}")
-    if done.problems:
-        raise typer.Exit(CHECK_FAILED)

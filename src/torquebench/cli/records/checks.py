@@ -2,21 +2,71 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from torquebench.cli.answers import DEFECT, RECORDS_VERIFIED
-from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory, named_values
-from torquebench.cli.terminal.console import answer, narrow_table, out, say, warn
+from torquebench.message import Message
+from torquebench.operations.result import Result
+from torquebench.reports.page import Block, Facts, Page, Section, Table
 
-__all__ = ["amend", "checked_directory", "verify"]
+__all__ = ["Entered", "amend", "checked_directory", "verify"]
 
 SubjectArgument = Annotated[
     str, typer.Argument(help="A record such as calibration-3, model-2 or certificate-1.")
 ]
+
+
+@dataclass(frozen=True)
+class Defect:
+    """A record that has changed since its entry."""
+
+    kind: str
+    where: str
+    found: str
+    remedy: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerifiedRecords(Result):
+    """All records and files compared with their entries."""
+
+    intact: bool
+    records: int
+    runs: int
+    files_compared: int
+    audit_lines: int
+    chain_end: str
+    defects: Sequence[Defect]
+
+    @property
+    def failed(self) -> bool:
+        """Whether a record has changed."""
+        return not self.intact
+
+    def page(self) -> Page:
+        """Return its description."""
+        compared = f"{self.records} records"
+        if self.runs or self.files_compared:
+            compared += f", {self.runs} run folders and {self.files_compared} files"
+        compared += f", {self.audit_lines} lines of the audit log"
+        blocks: list[Block] = [Facts([("compared", compared), ("chain end", self.chain_end)])]
+        if self.defects:
+            rows = [(each.kind, each.where, each.found, each.remedy) for each in self.defects]
+            header = ("what", "where", "found", "way back")
+            blocks.insert(0, Table(header, rows, words=True))
+        return Page("Records compared with their entries", "", [Section("", "", blocks)])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entered(Result):
+    """Entries in the registry."""
+
+    record: str
 
 
 def verify(
@@ -28,7 +78,7 @@ def verify(
     files: Annotated[
         bool, typer.Option(help="Also compare run folders and files, which reads all of them.")
     ] = True,
-) -> None:
+) -> VerifiedRecords:
     """Compare every record and every file with its entry; nothing is written.
 
     This checks the database with its indexes, tables and triggers, every row by the hash chain,
@@ -40,28 +90,21 @@ def verify(
 
     anchors = tuple(anchor_of(each) for each in end or ())
     report = check_data_directory(checked_directory(data), anchors=anchors, folders=files)
-    compared = f"{report.records} records"
-    if files:
-        compared += f", {report.runs} run folders and {report.files} files"
-    compared += f", {report.audit_lines} lines of the audit log"
-    for remark in report.remarks:
-        warn(remark)
-    defects = [DEFECT.of(each) for each in report.findings]
-    answer(**RECORDS_VERIFIED.of(report, defects=defects))
-    if report.intact:
-        say(compared)
-        say("All are [green]unchanged[/green].")
-        say(f"chain end {report.head}")
-        return
     count = len(report.findings)
-    table = narrow_table(
-        f"{count} defect{'s' if count > 1 else ''}", columns=("what", "where", "found", "way back")
+    defects = "1 defect." if count == 1 else Message("{count} defects.", count)
+    return VerifiedRecords(
+        headline="All are unchanged." if report.intact else defects,
+        remarks=report.remarks,
+        intact=report.intact,
+        records=report.records,
+        runs=report.runs,
+        files_compared=report.files,
+        audit_lines=report.audit_lines,
+        chain_end=str(report.head),
+        defects=[
+            Defect(each.kind, each.place, each.what, each.way_back) for each in report.findings
+        ],
     )
-    for finding in report.findings:
-        table.add_row(finding.kind, finding.place, finding.what, finding.way_back)
-    out().print(table)
-    say(f"{compared} compared, chain end {report.head}")
-    raise typer.Exit(CHECK_FAILED)
 
 
 def checked_directory(data: Path) -> Path:
@@ -83,7 +126,7 @@ def amend(
     by: Annotated[str, typer.Option(help="Who says so.")],
     reason: Annotated[str, typer.Option(help="Why.")],
     data: DataOption = DEFAULT_DATA,
-) -> None:
+) -> Entered:
     """Enter a correction of a record. The record itself isn't changed."""
     from torquebench.operations.certificates import subject_of
     from torquebench.records import Registry
@@ -92,5 +135,11 @@ def amend(
     fields = named_values(changes, "change", "measured_by=Anna")
     with Registry.open(data_directory(data)) as registry:
         registry.amend(subject, number, fields, amended_by=by, reason=reason)
-    answer(record=record)
-    say(f"{record} amended: {', '.join(fields)}. The record itself stays as it was.")
+    return Entered(
+        headline=Message(
+            "{record} amended: {fields}. The record itself stays as it was.",
+            record,
+            ", ".join(fields),
+        ),
+        record=record,
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
@@ -12,12 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli.answers import LISTED_CALIBRATION, LISTED_EQUIPMENT, LISTED_MODEL, LISTED_RUN
 from torquebench.cli.audit import audit
 from torquebench.cli.equipment import add_certificate, add_equipment, adjust, equipment, fit_part
 from torquebench.cli.export import export
 from torquebench.cli.export_data import export_data
-from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     DEFAULT_DATA,
     HELP_MARKUP,
@@ -30,9 +29,10 @@ from torquebench.cli.options import (
 from torquebench.cli.records.backup import backup, rebuild, restore
 from torquebench.cli.records.checks import amend, verify
 from torquebench.cli.recovered import tell_unfinished
-from torquebench.cli.terminal.console import answer, narrow_table, out, print_facts, say, warn
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
+from torquebench.operations.result import Result
+from torquebench.reports.page import Facts, Page, Section, Table
 
 if TYPE_CHECKING:
     from torquebench.records import ModelEntry, Registry, RunSummary, VerificationEntry
@@ -75,6 +75,130 @@ class Kind(StrEnum):
     equipment = "equipment"
 
 
+@dataclass(frozen=True)
+class ListedRun:
+    """One run."""
+
+    run: str
+    started: datetime
+    status: str
+    bench: str
+    simulated: bool
+
+    def row(self) -> tuple[str, ...]:
+        """Return the cells of a list."""
+        bench = "simulated" if self.simulated else self.bench
+        return self.run, _moment(self.started), self.status, bench
+
+
+@dataclass(frozen=True)
+class ListedCalibration:
+    """One calibration."""
+
+    name: str
+    performed: datetime
+    transducer: str
+    points: int
+    range_nm: float
+    profile: str
+    simulated: bool
+
+    def row(self) -> tuple[str, ...]:
+        """Return the cells of a list."""
+        span = f"{self.range_nm:g} N·m"
+        what = (self.transducer, str(self.points), span, self.profile)
+        return self.name, _moment(self.performed), *what
+
+
+@dataclass(frozen=True)
+class ListedModel:
+    """One model."""
+
+    name: str
+    created: datetime
+    kind: str
+    transducer: str
+    range_nm: float
+    in_use: bool
+    simulated: bool
+
+    def row(self) -> tuple[str, ...]:
+        """Return the cells of a list."""
+        span, used = f"{self.range_nm:g} N·m", "yes" if self.in_use else ""
+        return self.name, _moment(self.created), self.kind, self.transducer, span, used
+
+
+@dataclass(frozen=True)
+class ListedEquipment:
+    """One piece of equipment."""
+
+    kind: str
+    serial: str
+    manufacturer: str
+    model: str
+    range_nm: float | None
+
+    def row(self) -> tuple[str, ...]:
+        """Return the cells of a list."""
+        span = "" if self.range_nm is None else f"{self.range_nm:g} N·m"
+        return self.kind, self.serial, f"{self.manufacturer} {self.model}".strip(), span
+
+
+_HEADINGS = {
+    "runs": ("run", "started (UTC)", "status", "bench"),
+    "calibrations": ("name", "performed (UTC)", "transducer", "points", "range", "profile"),
+    "models": ("name", "created (UTC)", "kind", "transducer", "range", "in use"),
+    "equipment": ("kind", "serial", "what", "range"),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListedRecords(Result):
+    """Content of the registry, the newest first; null is what wasn't listed.
+
+    `more` names lists that go on, `problems` what couldn't be read.
+    """
+
+    more: Sequence[str]
+    problems: Sequence[str]
+    runs: Sequence[ListedRun] | None = None
+    calibrations: Sequence[ListedCalibration] | None = None
+    models: Sequence[ListedModel] | None = None
+    equipment: Sequence[ListedEquipment] | None = None
+
+    @property
+    def failed(self) -> bool:
+        """Whether something couldn't be read."""
+        return bool(self.problems)
+
+    def page(self) -> Page:
+        """Return its description."""
+        sections = []
+        for name, header in _HEADINGS.items():
+            rows = getattr(self, name)
+            if rows is not None:
+                table = Table(header, [each.row() for each in rows], words=True)
+                text = "" if rows else "none yet"
+                sections.append(Section(name.capitalize(), text, [table] * bool(rows)))
+        return Page("Records", "", sections)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShownRecord(Result):
+    """One record: `facts` as printed, `record` as registered."""
+
+    name: str
+    facts: Mapping[str, str]
+    record: Any
+    verifications: Sequence[Any] = ()
+
+    def page(self) -> Page:
+        """Return its description."""
+        blocks = [Facts([*self.facts.items()])]
+        sections = [Section("", "", blocks), *map(_verification, self.verifications)]
+        return Page(self.headline, "", sections)
+
+
 @app.command("list")
 def list_records(
     kind: Annotated[Kind, typer.Argument(help="What to list.")] = Kind.all,
@@ -83,31 +207,35 @@ def list_records(
     ] = 20,
     everything: Annotated[bool, typer.Option("--all", help="All of them.")] = False,
     data: DataOption = DEFAULT_DATA,
-) -> None:
+) -> ListedRecords:
     """List runs, calibrations, models and equipment, newest first."""
     folder = data_directory(data)
-    answer(more=[])
     limit = MOST_LISTED if everything else limit
+    listed: dict[str, Any] = {}
+    problems: list[str] = []
     if kind is Kind.runs and (runs := _runs_at_once(folder, limit + 1)) is not None:
-        _print_runs(runs, limit)
-        return
-    from torquebench.records import Registry, unfinished_runs
+        listed["runs"] = [_run(run) for run in runs]
+    else:
+        from torquebench.records import Registry, unfinished_runs
 
-    with Registry.open(folder) as registry:
-        wanted = [item for item in Kind if item is not Kind.all and kind in (item, Kind.all)]
-        problems: list[str] = []
-        for number, item in enumerate(wanted):
-            if number:
-                say("")
+        with Registry.open(folder) as registry:
+            for item in Kind:
+                if item is not Kind.all and kind in (item, Kind.all):
+                    listed[item.value] = []
+                    with _named_problems(problems):
+                        listed[item.value] = _LISTS[item](registry, limit + 1, problems)
             with _named_problems(problems):
-                _LISTS[item](registry, limit, problems)
-        with _named_problems(problems):
-            if Kind.runs in wanted:
-                tell_unfinished(list(unfinished_runs(registry)))
-    for problem in dict.fromkeys(problems):
-        warn(f"{problem}; see `torquebench records verify`")
-    if problems:
-        raise typer.Exit(CHECK_FAILED)
+                if "runs" in listed:
+                    tell_unfinished(list(unfinished_runs(registry)))
+    problems = list(dict.fromkeys(problems))
+    more = [name for name, rows in listed.items() if len(rows) > limit]
+    return ListedRecords(
+        headline=f"There are more than these {limit}: --limit NUMBER, or --all" if more else "",
+        remarks=tuple(f"{problem}; see `torquebench records verify`" for problem in problems),
+        more=more,
+        problems=problems,
+        **{name: rows[:limit] for name, rows in listed.items()},
+    )
 
 
 @contextmanager
@@ -143,7 +271,7 @@ def show_record(
         typer.Argument(help="A run's id or its beginning, `latest`, `model-3`, `calibration-2`."),
     ],
     data: DataOption = DEFAULT_DATA,
-) -> None:
+) -> ShownRecord:
     """Show one record, and check its files against their hashes."""
     from torquebench.operations.records import find_run
     from torquebench.records import Registry
@@ -151,82 +279,56 @@ def show_record(
     with Registry.open(data_directory(data)) as registry:
         named = numbered(name, "model", "calibration")
         if named is None:
-            _show_run(find_run(registry, name))
-            return
+            return _show_run(find_run(registry, name))
         kind, number = named
-        (_show_model if kind == "model" else _show_calibration)(registry, number)
+        return (_show_model if kind == "model" else _show_calibration)(registry, number)
 
 
-def _list_runs(registry: Registry, limit: int, problems: list[str]) -> None:
-    _print_runs(registry.runs(limit=limit + 1, problems=problems), limit)
+def _run(run: RunLine | RunSummary) -> ListedRun:
+    return ListedRun(run.run_id, run.started, run.status, run.bench, run.simulated)
 
 
-def _print_runs(runs: Sequence[RunLine | RunSummary], limit: int) -> None:
-    lines = [
-        (run.run_id, _moment(run.started), run.status, "simulated" if run.simulated else run.bench)
-        for run in runs
-    ]
-    headings = ("run", "started (UTC)", "status", "bench")
-    _print_list(Kind.runs, headings, lines, [LISTED_RUN.of(run) for run in runs], limit)
+def _list_runs(registry: Registry, limit: int, problems: list[str]) -> list[ListedRun]:
+    return [_run(run) for run in registry.runs(limit=limit, problems=problems)]
 
 
-def _list_calibrations(registry: Registry, limit: int, problems: list[str]) -> None:
-    lines, records = [], []
-    for entry in registry.calibrations(limit=limit + 1, problems=problems):
-        name, span = f"calibration-{entry.calibration_id}", f"{entry.range_nm:g} N·m"
-        records.append(LISTED_CALIBRATION.of(entry, name=name))
-        what = (entry.transducer_serial, str(entry.points), span, entry.profile_name)
-        lines.append((name, _moment(entry.performed), *what))
-    headings = ("name", "performed (UTC)", "transducer", "points", "range", "profile")
-    _print_list(Kind.calibrations, headings, lines, records, limit)
-
-
-def _list_models(registry: Registry, limit: int, problems: list[str]) -> None:
-    lines, records = [], []
-    for entry in registry.models(limit=limit + 1, problems=problems):
-        name, span = f"model-{entry.model_id}", f"{entry.range_nm:g} N·m"
-        records.append(LISTED_MODEL.of(entry, name=name, in_use=entry.active))
-        what = (entry.kind, entry.transducer_serial, span, "yes" if entry.active else "")
-        lines.append((name, _moment(entry.created), *what))
-    headings = ("name", "created (UTC)", "kind", "transducer", "range", "in use")
-    _print_list(Kind.models, headings, lines, records, limit)
-
-
-def _list_equipment(registry: Registry, limit: int, _problems: list[str]) -> None:
-    entries = registry.equipment()
-    lines = [
-        (
-            entry.kind,
-            entry.serial,
-            f"{entry.manufacturer} {entry.model}".strip(),
-            "" if entry.range_nm is None else f"{entry.range_nm:g} N·m",
+def _list_calibrations(
+    registry: Registry, limit: int, problems: list[str]
+) -> list[ListedCalibration]:
+    return [
+        ListedCalibration(
+            f"calibration-{entry.calibration_id}",
+            entry.performed,
+            entry.transducer_serial,
+            entry.points,
+            entry.range_nm,
+            entry.profile_name,
+            entry.simulated,
         )
-        for entry in entries
+        for entry in registry.calibrations(limit=limit, problems=problems)
     ]
-    headings = ("|kind", "serial", "what", "range")
-    records = [LISTED_EQUIPMENT.of(entry) for entry in entries]
-    _print_list(Kind.equipment, headings, lines, records, limit)
 
 
-def _print_list(
-    kind: Kind,
-    headings: Sequence[str],
-    lines: Sequence[tuple[str, ...]],
-    records: list[dict[str, Any]],
-    limit: int,
-) -> None:
-    """Print lines up to the limit, and add their records to the JSON answer."""
-    none = not lines
-    table = narrow_table(
-        kind.capitalize(), columns=headings, caption="none yet" * none, headings=not none
-    )
-    for line in lines[:limit]:
-        table.add_row(*line)
-    out().print(table)
-    answer(**{kind.value: records[:limit]})
-    if len(lines) > limit:
-        answer(more=[kind.value])
-        say(f"There are more than these {limit}: --limit NUMBER, or --all")
+def _list_models(registry: Registry, limit: int, problems: list[str]) -> list[ListedModel]:
+    return [
+        ListedModel(
+            f"model-{entry.model_id}",
+            entry.created,
+            entry.kind,
+            entry.transducer_serial,
+            entry.range_nm,
+            entry.active,
+            entry.simulated,
+        )
+        for entry in registry.models(limit=limit, problems=problems)
+    ]
+
+
+def _list_equipment(registry: Registry, _limit: int, _problems: list[str]) -> list[ListedEquipment]:
+    return [
+        ListedEquipment(entry.kind, entry.serial, entry.manufacturer, entry.model, entry.range_nm)
+        for entry in registry.equipment()
+    ]
 
 
 _LISTS = {
@@ -240,12 +342,12 @@ _LISTS = {
 MOST_LISTED = 10**9
 
 
-def _show_run(run: RunSummary) -> None:
+def _show_run(run: RunSummary) -> ShownRecord:
     from torquebench.records import RunFolder
     from torquebench.records.runs.time_check import times_of_run
 
     folder = RunFolder.open(run.folder)
-    _facts(
+    return _shown(
         run.run_id,
         {
             "kind": run.kind,
@@ -279,7 +381,7 @@ def _state_of(folder: Any) -> str:
     return "intact (every SHA-256 as in the manifest)"
 
 
-def _show_model(registry: Registry, model_id: int) -> None:
+def _show_model(registry: Registry, model_id: int) -> ShownRecord:
     try:
         entry = registry.model(model_id)
     except RecordError as error:
@@ -291,7 +393,7 @@ def _show_model(registry: Registry, model_id: int) -> None:
         state = f"intact, {entry.check_file()}"
     except RecordError as error:
         state = f"NOT INTACT: {error}"
-    _facts(
+    return _shown(
         f"model-{entry.model_id}",
         {
             "kind": entry.kind,
@@ -312,10 +414,8 @@ def _show_model(registry: Registry, model_id: int) -> None:
             "contradictions": "; ".join(str(each) for each in entry.contradictions),
         },
         entry,
+        registry.verifications(model_id),
     )
-    for verification in registry.verifications(model_id):
-        _show_verification(verification)
-        answer(verifications=[verification])
 
 
 def _use(registry: Registry, model: ModelEntry) -> str:
@@ -331,34 +431,35 @@ def _use(registry: Registry, model: ModelEntry) -> str:
     return f"yes, since {_moment(used.activated)}, {used.operator or '-'}, {how(used.signature)}"
 
 
-def _show_verification(verification: VerificationEntry) -> None:
-    """Print a verification's errors before and after compensation."""
+def _verification(verification: VerificationEntry) -> Section:
+    """Describe a verification's errors before and after compensation."""
     from torquebench.calibration import ErrorSummary
     from torquebench.campaign.fitting import model_title
-    from torquebench.cli.tables import error_blocks
+    from torquebench.reports.errors_table import errors_table
 
-    marked = " - simulated" if verification.simulated else ""
-    say(f"\n[bold]Verified {_moment(verification.performed)}{marked}[/bold]")
-    if verification.run_id:
-        say(f"run {verification.run_id}")
     models = verification.summary["models"]
-    blocks = []
-    for key, title in (
-        ("against_standard", "single readings against the standard"),
-        ("against_truth", "single readings against the true torque"),
-        ("averaged", "averaged over the groups"),
-    ):
-        rows = [
-            (model_title(model["name"]), ErrorSummary(**model[key]))
-            for model in models
-            if model[key] is not None
-        ]
-        blocks.append((title, rows))
-    for part in error_blocks(blocks):
-        out().print(part)
+    blocks = [
+        errors_table(
+            [
+                (model_title(model["name"]), ErrorSummary(**model[key]))
+                for model in models
+                if model[key] is not None
+            ],
+            caption,
+        )
+        for key, caption in (
+            ("against_standard", "Single readings against the standard."),
+            ("against_truth", "Single readings against the true torque."),
+            ("averaged", "Averaged over the groups."),
+        )
+        if any(model[key] is not None for model in models)
+    ]
+    marked = " - simulated" if verification.simulated else ""
+    text = f"run {verification.run_id}" if verification.run_id else ""
+    return Section(f"Verified {_moment(verification.performed)}{marked}", text, blocks)
 
 
-def _show_calibration(registry: Registry, calibration_id: int) -> None:
+def _show_calibration(registry: Registry, calibration_id: int) -> ShownRecord:
     from torquebench.records.signatures import how
 
     entry = registry.calibration(calibration_id)
@@ -367,7 +468,7 @@ def _show_calibration(registry: Registry, calibration_id: int) -> None:
     amendments = registry.amendments("calibrations", calibration_id)
     certificates = registry.certificates(calibration_id)
     low, high = entry.valid_nm
-    _facts(
+    return _shown(
         f"calibration-{entry.calibration_id}",
         {
             "performed": _moment(entry.performed),
@@ -407,10 +508,19 @@ def _changes(changes: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} = {value}" for name, value in changes.items())
 
 
-def _facts(title: str, facts: Mapping[str, str], record: object) -> None:
-    print_facts(title, facts.items())
-    answer(name=title, facts={key: value for key, value in facts.items() if value})
-    answer(record=record)
+def _shown(
+    title: str,
+    facts: Mapping[str, str],
+    record: object,
+    verifications: Sequence[VerificationEntry] = (),
+) -> ShownRecord:
+    return ShownRecord(
+        headline=title,
+        name=title,
+        facts={key: value for key, value in facts.items() if value},
+        record=record,
+        verifications=verifications,
+    )
 
 
 def _short(value: Any) -> str:

@@ -84,7 +84,7 @@ def is_quiet() -> bool:
 
 
 def answer(**facts: Any) -> None:
-    """Add facts to the JSON answer; `cli.answers` lists those of every command.
+    """Add facts to the JSON answer.
 
     A list extends an earlier list of the same name.
     """

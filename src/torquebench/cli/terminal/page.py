@@ -62,7 +62,10 @@ def _print_table(table: Table) -> None:
         max(map(cell_len, [*(row[number] for row in table.rows), *heading.split()]), default=1)
         for number, heading in enumerate(table.header)
     ]
-    others = sum(WORDS_WIDTH if words[each] else widths[each] for each in range(1, len(widths)))
+    others = sum(
+        min(width, WORDS_WIDTH) if left else width
+        for width, left in zip(widths[1:], words[1:], strict=True)
+    )
     room = max(NAME_WIDTH, console.width - others - len(widths))
     for number, heading in enumerate(table.header):
         grid.add_column(
