@@ -6,9 +6,10 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from tests.accounts import people_of
 from tests.digital_certificates import NM, certificate, new_list, quantity
 from tests.system.command_line import laboratory, run, widest_line
+
+from torquebench.testing.accounts import people_of
 
 NOT_SECRET = {"laboratory.toml", "bench.lock"}
 

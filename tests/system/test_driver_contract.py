@@ -1,6 +1,5 @@
-"""What every driver does, over real sockets, whatever its protocol and role."""
+"""Each driver of this project keeps the contract; and what drives, modes and counters do."""
 
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,36 +15,29 @@ from tests.peers.opcua_plc import PlcPeer
 from tests.system.networked import WATCHDOG_S, daqmx, described, hasty, modbus
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.drivers.base import CounterCard, Drive, Identified
+from torquebench.bench.drivers.base import CounterCard, Drive
 from torquebench.bench.drivers.instruments import open_role
 from torquebench.errors import BenchError, InputError, LimitError
 from torquebench.simulators import Simulators
+from torquebench.testing.drivers import DriverCase, DriverContract, Peer
 
-SLOWEST_FAILURE_S = 60.0
 AMPLIFIER_WINDOW_S = 0.05  # peers answer by Python, on a computer that is busy with other tests
 
 
 @dataclass(frozen=True)
-class Case:
-    """One driver: where its section is, how it is read, and what a right answer looks like."""
+class Case(DriverCase):
+    """A driver of this project, with the peer that it talks to."""
 
-    name: str
-    variant: str
-    key: str
-    read: Callable[[Any], Any]
-    right: Callable[[Any], bool]
-    lossy: bool = False  # an answer that is lost takes readings with it
-    quiet: bool = False  # states that it has nothing instead of raising
+    variant: str = ""
     visa: bool = False  # reached by a VISA resource instead of a plain socket
 
-    def description(self, simulators: Simulators) -> BenchDescription:
-        description = simulators.description
+    def description(self, described: BenchDescription) -> BenchDescription:
         if not self.visa:
-            return description
-        host, _, port = description.driver[self.key]["address"].partition(":")
-        section = description.driver[self.key] | {"address": f"TCPIP::{host}::{port}::SOCKET"}
-        driver = dict(description.driver) | {self.key: section}
-        return description.model_copy(update={"driver": driver})
+            return described
+        host, _, port = described.driver[self.key]["address"].partition(":")
+        section = described.driver[self.key] | {"address": f"TCPIP::{host}::{port}::SOCKET"}
+        driver = dict(described.driver) | {self.key: section}
+        return described.model_copy(update={"driver": driver})
 
 
 def _read_block(counter: CounterCard) -> Any:
@@ -146,65 +138,101 @@ def _peers() -> Iterator[dict[str, PeerSide]]:
 
 
 CASES = [
-    Case("modbus-drive", "a", "input_drive", lambda i: i.state(), lambda s: not s.enabled),
-    Case("canopen-drive", "a", "output_drive", lambda i: i.state(), lambda s: not s.enabled),
+    Case(
+        "modbus-drive",
+        "input_drive",
+        variant="a",
+        read=lambda i: i.state(),
+        right=lambda s: not s.enabled,
+    ),
+    Case(
+        "canopen-drive",
+        "output_drive",
+        variant="a",
+        read=lambda i: i.state(),
+        right=lambda s: not s.enabled,
+    ),
     Case(
         "modbus-temperature",
-        "a",
         "temperature",
-        lambda i: i.temperatures(),
-        lambda t: len(t) == 5 and all(15.0 < value < 35.0 for value in t.values()),
+        variant="a",
+        read=lambda i: i.temperatures(),
+        right=lambda t: len(t) == 5 and all(15.0 < value < 35.0 for value in t.values()),
         quiet=True,
     ),
-    Case("modbus-modes", "a", "modes", lambda i: i.mode("input"), lambda m: m == "free"),
-    Case("modbus-clamp", "a", "clamp", lambda i: i.clamped(), lambda c: c is False),
+    Case(
+        "modbus-modes",
+        "modes",
+        variant="a",
+        read=lambda i: i.mode("input"),
+        right=lambda m: m == "free",
+    ),
+    Case(
+        "modbus-clamp", "clamp", variant="a", read=lambda i: i.clamped(), right=lambda c: c is False
+    ),
     Case(
         "modbus-angles",
-        "a",
         "angles",
-        lambda i: i.counts(),
-        lambda c: set(c) == {"input", "output"},
+        variant="a",
+        read=lambda i: i.counts(),
+        right=lambda c: set(c) == {"input", "output"},
     ),
     Case(
         "scpi-readout",
-        "a",
         "reference",
-        lambda i: i.read("input", 1.0, 1.0),
-        lambda s: s.time_s.shape == s["signal"].shape,
+        variant="a",
+        read=lambda i: i.read("input", 1.0, 1.0),
+        right=lambda s: s.time_s.shape == s["signal"].shape,
     ),
     Case(
         "visa-readout",
-        "a",
         "reference",
-        lambda i: i.read("input", 1.0, 1.0),
-        lambda s: s.time_s.shape == s["signal"].shape,
+        variant="a",
+        read=lambda i: i.read("input", 1.0, 1.0),
+        right=lambda s: s.time_s.shape == s["signal"].shape,
         visa=True,
     ),
     Case(
         "modbus-readout",
-        "b",
         "reference",
-        lambda i: i.read("input", 1.0, 1.0),
-        lambda s: s.time_s.shape == s["signal"].shape,
+        variant="b",
+        read=lambda i: i.read("input", 1.0, 1.0),
+        right=lambda s: s.time_s.shape == s["signal"].shape,
     ),
-    Case("scpi-counter", "a", "counter", _read_block, _has_pulses, lossy=True),
-    Case("daqmx-counter", "b", "counter", _read_block, _has_edges, lossy=True),
-    Case("hbm-counter", "hbm", "counter", _read_windows, _has_values, lossy=True),
+    Case("scpi-counter", "counter", variant="a", read=_read_block, right=_has_pulses, lossy=True),
+    Case("daqmx-counter", "counter", variant="b", read=_read_block, right=_has_edges, lossy=True),
+    Case(
+        "hbm-counter", "counter", variant="hbm", read=_read_windows, right=_has_values, lossy=True
+    ),
     Case(
         "hbm-readout",
-        "hbm",
         "reference",
-        _read_amplifier,
-        lambda s: s.time_s.shape == s["signal"].shape,
+        variant="hbm",
+        read=_read_amplifier,
+        right=lambda s: s.time_s.shape == s["signal"].shape,
     ),
-    Case("display-counter", "display", "counter", _read_windows, _has_values, lossy=True),
-    Case("opcua-counter", "opcua", "counter", _read_windows, _has_values, lossy=True),
+    Case(
+        "display-counter",
+        "counter",
+        variant="display",
+        read=_read_windows,
+        right=_has_values,
+        lossy=True,
+    ),
+    Case(
+        "opcua-counter",
+        "counter",
+        variant="opcua",
+        read=_read_windows,
+        right=_has_values,
+        lossy=True,
+    ),
     Case(
         "opcua-temperature",
-        "opcua",
         "temperature",
-        lambda i: i.temperatures(),
-        lambda t: set(t.values()) == {10.0},
+        variant="opcua",
+        read=lambda i: i.temperatures(),
+        right=lambda t: set(t.values()) == {10.0},
         quiet=True,
     ),
 ]
@@ -219,197 +247,24 @@ def simulated() -> Iterator[dict[str, Any]]:
         yield {"a": first, "b": second, **peers}
 
 
-@pytest.fixture(params=CASES, ids=lambda case: case.name)
-def case(request: pytest.FixtureRequest) -> Case:
-    found: Case = request.param
-    return found
+class TestDrivers(DriverContract):
+    @pytest.fixture(params=CASES, ids=lambda case: case.name)
+    def case(self, request: pytest.FixtureRequest) -> Case:
+        found: Case = request.param
+        return found
 
+    @pytest.fixture
+    def peer(self, case: Case, simulated: dict[str, Any]) -> Iterator[Peer]:
+        chosen = simulated[case.variant]
+        yield PeerSide(case.description(chosen.description), chosen.misbehaviour)
+        chosen.misbehaviour.heal()
 
-@pytest.fixture
-def simulators(case: Case, simulated: dict[str, Simulators]) -> Iterator[Simulators]:
-    chosen = simulated[case.variant]
-    yield chosen
-    chosen.misbehaviour.heal()
+    def hasty(self, description: BenchDescription) -> BenchDescription:
+        return hasty(description)
 
-
-@pytest.fixture
-def instrument(case: Case, simulators: Simulators) -> Iterator[Any]:
-    opened = open_role(case.description(simulators), case.key)
-    yield opened
-    opened.close()
-
-
-@pytest.fixture
-def hasty_instrument(case: Case, simulators: Simulators) -> Iterator[Any]:
-    opened = open_role(hasty(case.description(simulators)), case.key)
-    yield opened
-    opened.close()
-
-
-def failing(case: Case, instrument: Any) -> BenchError | None:
-    """Read and return the failure that this driver has to state; None where it states nothing."""
-    started = time.monotonic()
-    try:
-        if case.quiet:
-            assert case.read(instrument) == {}
-            return None
-        with pytest.raises(BenchError) as caught:
-            case.read(instrument)
-        return caught.value
-    finally:
-        assert time.monotonic() - started < SLOWEST_FAILURE_S
-
-
-def right_or_failing(case: Case, instrument: Any) -> None:
-    """Read a stream that may have lost a part: it is whole, or says that it isn't."""
-    try:
-        assert case.right(case.read(instrument))
-    except BenchError as failure:
-        assert failure.remedy  # noqa: PT017 - not raising is right, too
-
-
-def test_it_says_who_it_is(case: Case, simulators: Simulators, instrument: Any) -> None:
-    if not isinstance(instrument, Identified):
-        pytest.fail("no identity") if case.key != "angles" else None
-        return
-    identity = instrument.identity()
-    assert identity.manufacturer
-    assert identity.model
-    described_serial = simulators.description.serials.get(identity.role)
-    assert described_serial in (None, identity.serial)
-
-
-def test_it_reads(case: Case, instrument: Any) -> None:
-    assert case.right(case.read(instrument))
-    assert case.right(case.read(instrument))
-
-
-def test_nobody_at_its_address_is_an_error_that_names_it(
-    case: Case, simulators: Simulators
-) -> None:
-    broken = _elsewhere(simulators.description, case.key)
-    try:
-        opened = open_role(broken, case.key)
-    except BenchError as error:
-        assert f"driver.{case.key}" in error.found  # noqa: PT017 - may also fail when it reads
-        return
-    try:
-        failure = failing(case, opened)
-        assert failure is None or "127.0.0.1:9" in failure.found
-    finally:
-        opened.close()
-
-
-def _elsewhere(description: BenchDescription, key: str) -> BenchDescription:
-    """Return the description with an address where nobody listens: the discard port."""
-    section = dict(description.driver[key])
-    if "bus" in section:
-        section["bus"] = section["bus"] | {"port": 9}
-    elif "address" in section:
-        scheme = "opc.tcp://" if section["protocol"] == "opcua" else ""
-        section["address"] = f"{scheme}127.0.0.1:9"
-    else:
-        section["channels"] = dict.fromkeys(section["channels"], "127.0.0.1:9")
-    driver = dict(description.driver) | {key: section}
-    return description.model_copy(update={"driver": driver})
-
-
-def test_silence_is_a_time_out(case: Case, simulators: Simulators, hasty_instrument: Any) -> None:
-    case.read(hasty_instrument)
-    simulators.misbehaviour.start(case.key, "drop")
-    failure = failing(case, hasty_instrument)
-    assert failure is None or failure.remedy
-
-
-def test_it_recovers_from_silence(
-    case: Case, simulators: Simulators, hasty_instrument: Any
-) -> None:
-    case.read(hasty_instrument)
-    simulators.misbehaviour.start(case.key, "drop", replies=1)
-    if case.lossy:
-        right_or_failing(case, hasty_instrument)
-        return
-    assert case.right(case.read(hasty_instrument))
-
-
-@pytest.mark.parametrize("kind", ["cut", "delay"])
-def test_an_answer_that_comes_in_part_or_late_is_asked_for_again(
-    case: Case, simulators: Simulators, hasty_instrument: Any, kind: Any
-) -> None:
-    case.read(hasty_instrument)
-    simulators.misbehaviour.start(case.key, kind, replies=1, amount=0.45)
-    if case.lossy:
-        right_or_failing(case, hasty_instrument)
-        return
-    assert case.right(case.read(hasty_instrument))
-    assert case.right(case.read(hasty_instrument))  # nor is the late one taken for another's answer
-
-
-def test_it_connects_again(case: Case, simulators: Simulators, hasty_instrument: Any) -> None:
-    case.read(hasty_instrument)
-    simulators.misbehaviour.start(case.key, "disconnect")
-    if case.lossy:
-        right_or_failing(case, hasty_instrument)
-        return
-    assert case.right(case.read(hasty_instrument))
-
-
-def test_no_connection_at_all_is_an_error(
-    case: Case, simulators: Simulators, hasty_instrument: Any
-) -> None:
-    case.read(hasty_instrument)
-    simulators.misbehaviour.start(case.key, "disconnect", duration_s=60.0)
-    failing(case, hasty_instrument)
-
-
-def test_nonsense_is_an_error_or_asked_for_again_and_never_another_exception(
-    case: Case, simulators: Simulators, hasty_instrument: Any
-) -> None:
-    case.read(hasty_instrument)
-    for _ in range(2):
-        simulators.misbehaviour.start(case.key, "garble", replies=1)
-        try:
-            case.read(hasty_instrument)
-        except BenchError:  # Modbus has no checksum: a wrong number may also pass
-            if case.lossy:
-                return
-
-
-@pytest.mark.nightly
-def test_many_callers_get_their_own_answers(case: Case, instrument: Any) -> None:
-    wrong: list[Any] = []
-
-    def ask() -> None:
-        try:
-            for _ in range(10):
-                answer = case.read(instrument)
-                if not case.right(answer):
-                    wrong.append(answer)
-        except Exception as error:
-            wrong.append(error)
-
-    if case.lossy:  # a stream has one reader
-        return
-    callers = [threading.Thread(target=ask) for _ in range(6)]
-    for caller in callers:
-        caller.start()
-    for caller in callers:
-        caller.join()
-    assert wrong == []
-
-
-def test_it_closes_twice_and_answers_nobody_afterwards(case: Case, simulators: Simulators) -> None:
-    opened = open_role(case.description(simulators), case.key)
-    opened.close()
-    opened.close()
-    failing(case, opened)
-
-
-def test_a_misspelt_key_is_named(case: Case, simulators: Simulators) -> None:
-    section = dict(simulators.description.driver[case.key]) | {"adress": "127.0.0.1:1"}
-    driver = dict(simulators.description.driver) | {case.key: section}
-    with pytest.raises(InputError, match=f"driver.{case.key}: adress"):
-        open_role(simulators.description.model_copy(update={"driver": driver}), case.key)
+    test_many_callers_get_their_own_answers = pytest.mark.nightly(
+        DriverContract.test_many_callers_get_their_own_answers
+    )
 
 
 # -- drives -----------------------------------------------------------------------------------

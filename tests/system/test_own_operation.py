@@ -1,6 +1,9 @@
 """An operation of one's own, from a file: command, plan, API, and what is wrong with a file."""
 
 import json
+import os
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -13,7 +16,7 @@ from torquebench.records import RunFolder
 pytestmark = SLOW
 CREEP = Path(__file__).parents[2] / "examples" / "operations" / "creep.py"
 SHORT = {"side": "output", "torque_percent_fs": 50.0, "duration_s": 40.0, "interval_s": 10.0}
-RESULT = {"headline", "verdict", "simulated", "run_ids", "remarks", "torque_nm", "time_s",
+RESULT = {"headline", "verdict", "simulated", "run_ids", "remarks", "files", "torque_nm", "time_s",
           "creep_nm"}  # fmt: skip
 
 
@@ -97,3 +100,15 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path, text: str | None, found:
     assert (code, shown) == (2, "")
     assert found in " ".join(problem.split())
     assert "Traceback" not in problem
+
+
+def test_it_keeps_the_contract_of_operations() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", CREEP.parent],
+        env=os.environ | {"TORQUEBENCH_OPERATIONS": str(CREEP)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+    assert "2 passed" in done.stdout

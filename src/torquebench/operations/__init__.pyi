@@ -39,6 +39,8 @@ from .preview import (
     plan_preview as plan_preview,
 )
 from .result import (
+    HIDDEN as HIDDEN,
+    ExplainedError as ExplainedError,
     Integers as Integers,
     Numbers as Numbers,
     Result as Result,

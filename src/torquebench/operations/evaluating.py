@@ -637,8 +637,6 @@ def check_evaluation(place: Place, request: TableEvaluation) -> Iterable[str]:
 def run_evaluation(place: Place, request: TableEvaluation, _progress: Progress) -> EvaluatedTable:
     """Read and evaluate the table; write all results if a folder is named."""
     from torquebench.campaign.reducers.columns import read_columns
-    from torquebench.campaign.reducers.quantities import result_quantities
-    from torquebench.uncertainty import Verdict
 
     reducer = request.described(place)
     read = read_columns(
@@ -646,6 +644,10 @@ def run_evaluation(place: Place, request: TableEvaluation, _progress: Progress) 
     )
     place.remarks.extend(read.notes)
     source = ", ".join(file.name for file in request.data)
+
+    from torquebench.campaign.reducers.quantities import result_quantities
+    from torquebench.uncertainty import Verdict
+
     try:
         result, settings = request.evaluate(
             {**read.numbers, "row": read.rows.astype("float64")}, reducer

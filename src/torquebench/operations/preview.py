@@ -145,8 +145,9 @@ class Preview:
             blocks.append(self._steps())
         if self.parts:
             blocks.append(self._parts())
+        remarks = [Facts([("Remark", each) for each in self.remarks])] * bool(self.remarks)
         return Page(
-            self.title, "", [Section("", " ".join(self.remarks), blocks)], simulated=self.simulated
+            self.title, "", [Section("", "", [*blocks, *remarks])], simulated=self.simulated
         )
 
     def _steps(self) -> Table:

@@ -111,8 +111,9 @@ def _entries(path: Path) -> list[tuple[Operation, Request]]:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or error
         raise InputError(
-            Message("{path}: {error}", path, error), "a readable TOML file in UTF-8"
+            Message("{path}: {error}", path, reason), "a readable TOML file in UTF-8"
         ) from error
     listed = validated(QueueFile, parse_toml(text, str(path)), str(path)).operation
     entries = []

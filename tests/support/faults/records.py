@@ -16,7 +16,6 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from tests.accounts import people_of
 from tests.hostile_files import FILES
 from tests.support.faults.judging import Outcome
 
@@ -32,6 +31,7 @@ from torquebench.progress import NoProgress
 from torquebench.records import RunFolder, unfinished_runs
 from torquebench.reports.certificate import Issue, build_record
 from torquebench.station import Station, enter_run
+from torquebench.testing.accounts import people_of
 
 __all__ = ["ACTS", "attacked"]
 

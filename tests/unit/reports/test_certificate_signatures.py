@@ -7,7 +7,6 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from tests.accounts import people_of
 from tests.unit.reports.calibrated_bench import CalibratedBench, calibrated_bench, points
 
 from torquebench.calibration import load_profile, verify
@@ -28,6 +27,7 @@ from torquebench.reports.certificate import (
 )
 from torquebench.reports.certificate.content import certificate_content
 from torquebench.reports.certificate.dcc import certificate_xml
+from torquebench.testing.accounts import people_of
 
 STRICT = Issue(["Boss"], require_signatures=True)
 STATED = replace(STRICT, refuse_unreviewed=False)

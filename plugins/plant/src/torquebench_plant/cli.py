@@ -33,7 +33,7 @@ from torquebench.cli.extension import (
     warn,
 )
 from torquebench.errors import InputError
-from torquebench.operations.result import HIDDEN
+from torquebench.operations import HIDDEN
 from torquebench.units import DAY, HOUR, MINUTE
 
 WITHOUT_RESULT["plant view"] = "serves the plant's view until it is ended"

@@ -28,7 +28,7 @@ from torquebench.panel.pages.calibrate.start import calibration_address
 from torquebench.panel.pages.downloads import certificate_buttons
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.page import page
-from torquebench.panel.pages.records.run import RunPanel, doubt_notes, run_title
+from torquebench.panel.pages.records.run import doubt_notes, run_address, run_title
 from torquebench.panel.pages.records.table_import import TableEntry, all_profile_titles
 from torquebench.panel.pages.view import View, part, tabs
 from torquebench.panel.pages.visitor import Visitor
@@ -62,7 +62,6 @@ class _Runs(View):
         states = {state: text.core(state) for state in STATES}
         either = {"": text("records.any")}
         unfinished_notes(self._visitor)
-        self._opened = box("div", "stack")
         with panel(text("records.runs")), box("div", "stack"):
             with box("div", "columns narrow"):
                 self._search = Field(text("records.search"), kind="search", on_change=self._first)
@@ -108,7 +107,7 @@ class _Runs(View):
                 text("records.runs"),
                 headings(text, "records", "started kind operator status number"),
                 rows,
-                on_row=lambda place: self._open(page.runs[place].run_id),
+                on_row=lambda place: ui.navigate.to(run_address(page.runs[place].run_id)),
                 open_label=text("records.open"),
             )
             self._pager(page.total)
@@ -128,9 +127,6 @@ class _Runs(View):
     def _turn(self, by: int) -> None:
         self._offset = max(0, self._offset + by)
         self._show()
-
-    async def _open(self, run_id: str) -> None:
-        await RunPanel(self._visitor, run_id, self._opened.clear).build(self._opened)
 
 
 class _Calibrations(View):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from functools import partial
 from typing import Any
@@ -27,6 +27,8 @@ from torquebench.panel.components.elements import (
 )
 from torquebench.panel.pages.calibrate.resume import resume_button
 from torquebench.panel.pages.calibrate.start import calibration_address
+from torquebench.panel.pages.frame import frame
+from torquebench.panel.pages.page import page
 from torquebench.panel.pages.records.column_titles import (
     column_title,
     column_unit_shown,
@@ -40,7 +42,7 @@ from torquebench.panel.text import Text
 from torquebench.records.export.streams import STREAM_FORMATS, StreamFormat, stream_ending
 from torquebench.units import minus_signs
 
-__all__ = ["RunPanel", "doubt_notes", "run_title"]
+__all__ = ["doubt_notes", "run_address", "run_title"]
 
 SHOWN_ROWS = 12
 POINTS = 1000
@@ -57,6 +59,11 @@ def run_title(text: Text, kind: str) -> str:
     return text.core(Message("{title}, short test", title) if kind.endswith("-short") else title)
 
 
+def run_address(run_id: str) -> str:
+    """Return the address of a run's page."""
+    return f"/runs/{run_id}"
+
+
 def doubt_notes(text: Text, doubts: Iterable[str]) -> None:
     """Show doubts about records, each once."""
     said = list(dict.fromkeys(doubts))
@@ -66,19 +73,18 @@ def doubt_notes(text: Text, doubts: Iterable[str]) -> None:
         words("p", text("records.more_doubts", count=len(said) - MOST_DOUBTS), "muted")
 
 
-class RunPanel:
+class _RunPanel:
     """The panel of an opened run.
 
     Parameters
     ----------
     visitor : Visitor
     run_id : str
-    on_close : callable
     """
 
-    def __init__(self, visitor: Visitor, run_id: str, on_close: Callable[[], Any]) -> None:
+    def __init__(self, visitor: Visitor, run_id: str) -> None:
         self._visitor, self._text = visitor, visitor.text
-        self._run_id, self._on_close = run_id, on_close
+        self._run_id = run_id
         self._column = ""
 
     async def build(self, place: Any) -> None:
@@ -116,7 +122,8 @@ class RunPanel:
                     button(text("resume.take_up"), lambda: ui.navigate.to(address), picture="tune")
                 elif (interrupted := self._interrupted(detail.run.status)) is not None:
                     resume_button(self._visitor, interrupted)
-                button(text("frame.close"), self._on_close, "quiet", picture="close")
+                button(text("frame.close"), lambda: ui.navigate.to("/records"), "quiet",
+                       picture="close")  # fmt: skip
             if detail.changes:
                 note("; ".join(detail.changes), "bad", title=text("run.changed"))
             elif detail.run.finished is not None:
@@ -286,3 +293,12 @@ def _extremes(name: str, time: list[float], low: list[float], high: list[float])
     x = [moment for moment in time for _ in range(2)]
     y = [value for pair in zip(low, high, strict=True) for value in pair]
     return [Line(name, x, y, "--series-1")]
+
+
+@page("run", "/runs/{run_id}")
+def run_page(visitor: Visitor) -> None:
+    """Build the page of a run."""
+    run_id = visitor.query["run_id"]
+    with frame(visitor, "records", title=run_id):
+        place = box("div", "stack")
+        ui.timer(0.0, partial(_RunPanel(visitor, run_id).build, place), once=True)

@@ -1,5 +1,7 @@
 """A panel's accounts in a data directory, made without a panel."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -7,6 +9,8 @@ from pathlib import Path
 from torquebench.panel.service import Actor
 from torquebench.panel.service.access.people import People
 from torquebench.panel.service.store import PanelStore
+
+__all__ = ["PASSWORD", "people_of"]
 
 PASSWORD = "correct horse battery"
 

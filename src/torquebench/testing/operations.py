@@ -1,0 +1,198 @@
+"""What every operation keeps to: the same result and refusal by command, API and job."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import shutil
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import httpx
+import pytest
+
+from torquebench import cli
+from torquebench.operations import find_operation, parameters
+from torquebench.panel.api import create_api
+from torquebench.panel.service import BenchService
+from torquebench.testing.accounts import PASSWORD, people_of
+
+__all__ = ["Interfaces", "OperationContract"]
+
+
+@dataclass
+class Interfaces:
+    """A bench behind the API, and a copy of its records for commands.
+
+    Attributes
+    ----------
+    service : BenchService
+    token : str
+        Of its administrator.
+    folder : pathlib.Path
+        Records of the commands.
+    command : callable
+        Runs a command with its words; returns exit code and JSON.
+    """
+
+    service: BenchService
+    token: str
+    folder: Path
+    command: Callable[..., tuple[int, dict[str, Any]]]
+
+    def http(self, method: str, path: str, body: Any = None) -> httpx.Response:
+        """Ask the API."""
+
+        async def asked() -> httpx.Response:
+            transport = httpx.ASGITransport(create_api(self.service))
+            own = {"Authorization": f"Bearer {self.token}"}
+            async with httpx.AsyncClient(
+                transport=transport, base_url="http://panel", headers=own
+            ) as client:
+                return await client.request(method, path, json=body)
+
+        return asyncio.run(asked())
+
+    def over_http(self, name: str, values: dict[str, Any]) -> tuple[dict[str, Any], Any]:
+        """Return what the API answers, and the job that it has started."""
+        operation = find_operation(name)
+        beside = {"password": PASSWORD} if operation.signed else {}
+        answer = self.http("POST", f"/operations/{operation.key}", {**values, **beside})
+        if answer.status_code != 202:
+            return answer.json(), None
+        job = answer.json()
+        deadline = time.monotonic() + 250.0
+        while not job["finished"] or self.service.jobs.busy:
+            assert time.monotonic() < deadline, job
+            time.sleep(0.05)
+            job = self.http("GET", f"/jobs/{job['job_id']}").json()
+        return job["result"] or job["problem"], self.service.jobs.get(job["job_id"])
+
+    def by_command(self, name: str, values: dict[str, Any]) -> tuple[int, dict[str, Any]]:
+        """Return exit code and JSON of the command."""
+        operation = find_operation(name)
+        words: list[str] = name.split()
+        for parameter in parameters(operation.request):
+            value = values.get(parameter.name)
+            option = parameter.option
+            if value is None or value is False:
+                continue
+            several = value if isinstance(value, list) else [value]
+            if isinstance(value, list) and option.endswith("s"):
+                option = option[:-1]
+            if parameter.numbered:
+                several = [f"{parameter.numbered}-{each}" for each in several]
+            for each in several:
+                words += [str(each)] if parameter.argument else [option] * (value is True) or [
+                    option, str(each),
+                ]  # fmt: skip
+        if operation.signed or operation.role != "operator":
+            words += ["--by", "Olga"]
+        return self.command(*words, "--json", "--data", str(self.folder))
+
+
+def words_of(text: str) -> str:
+    """Return a sentence without its figures and its people."""
+    return re.sub(r"[-+]?\d[\d.]*(e[-+]\d+)?|Olga|Chief", "#", text)
+
+
+class OperationContract:
+    """Tests of an operation on the simulated bench; a subclass names it with its requests.
+
+    Attributes
+    ----------
+    name : str
+        Of the operation, as `torquebench.operations.OPERATIONS` has it.
+    possible, refused : mapping of str to object
+        A request that is done quickly, and one that is refused.
+
+    Examples
+    --------
+    ::
+
+        class TestCreep(OperationContract):
+            name = "creep"
+            possible = {"side": "output", "duration_s": 20.0, "interval_s": 10.0}
+            refused = {"side": "middle"}
+    """
+
+    name: ClassVar[str]
+    possible: ClassVar[Mapping[str, Any]]
+    refused: ClassVar[Mapping[str, Any]]
+
+    @pytest.fixture
+    def possible_request(self) -> tuple[str, dict[str, Any]]:
+        """Return an operation's name and a request that is done."""
+        return self.name, dict(self.possible)
+
+    @pytest.fixture
+    def refused_request(self) -> tuple[str, dict[str, Any]]:
+        """Return an operation's name and a request that is refused."""
+        return self.name, dict(self.refused)
+
+    @pytest.fixture
+    def recorded(self, tmp_path: Path) -> Path:
+        """Return a data folder whose copies the interfaces begin with; by default a new one."""
+        folder = tmp_path / "recorded"
+        with BenchService.open(None, folder, fast=True):
+            return folder
+
+    @pytest.fixture
+    def interfaces(
+        self,
+        recorded: Path,
+        tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str],
+    ) -> Iterator[Interfaces]:
+        """Yield a bench behind the API, and the command line beside it."""
+        served, folder = (shutil.copytree(recorded, tmp_path / name) for name in ("api", "command"))
+        with people_of(served):
+            pass
+
+        def command(*words: str) -> tuple[int, dict[str, Any]]:
+            monkeypatch.setattr("sys.argv", ["torquebench", *words])
+            with pytest.raises(SystemExit) as end:
+                cli.main()
+            return int(end.value.code or 0), json.loads(capsys.readouterr().out.splitlines()[-1])
+
+        with BenchService.open(None, served, fast=True) as service:
+            token = service.people.sign_in("Chief", PASSWORD, "here")
+            yield Interfaces(service, token, folder, command)
+
+    def test_a_result_is_the_same(
+        self, interfaces: Interfaces, possible_request: tuple[str, dict[str, Any]]
+    ) -> None:
+        """Compare the result of the job with that of the command."""
+        name, request = possible_request
+        result, job = interfaces.over_http(name, request)
+        code, printed = interfaces.by_command(name, request)
+        assert printed["error"] is None, printed
+        assert "headline" in result, result
+        answer = printed["answer"]
+        assert set(answer) == set(result)
+        assert code == (job.result.failed if job is not None else 0)
+        for key in ("verdict", "simulated"):
+            assert answer[key] == result[key]
+        assert words_of(answer["headline"]) == words_of(result["headline"])
+        if job is not None:
+            assert job.result.plain().keys() == result.keys()
+
+    def test_a_refusal_is_the_same(
+        self, interfaces: Interfaces, refused_request: tuple[str, dict[str, Any]]
+    ) -> None:
+        """Compare the API's refusal with that of the command."""
+        name, request = refused_request
+        problem, _ = interfaces.over_http(name, request)
+        said = problem.get("detail") or problem.get("found")
+        assert said, problem
+        code, printed = interfaces.by_command(name, request)
+        assert code in (1, 2), printed
+        found = printed["error"]["found"]
+        assert found.removeprefix(f"{name}: ") == said.removeprefix("body: ").removeprefix(
+            f"{name}: "
+        )
