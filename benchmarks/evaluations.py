@@ -6,8 +6,9 @@ has bias (median), root mean square error and U (median) in % of a scale - the t
 widths of loops the twist at the rated torque - and the empirical coverage of the 95 % intervals.
 
 Where a quantity is covered by less than 90 %, its disturbance is repeated with five times as many
-recordings. Ends with 1 where so few intervals contain the truth as of intervals of 90 % would with
-a probability below 1 %: fewer than 31 of 40, or 170 of 200.
+recordings. The exit code is 1 where a coverage is significantly below 90 %: where fewer than 31 of
+40 intervals, or 170 of 200, contain the truth, which has a probability below 1 % for a coverage of
+90 %.
 """
 
 from __future__ import annotations

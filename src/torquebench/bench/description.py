@@ -574,7 +574,7 @@ class BenchDescription(_Section):
     def counter_nm(self, side: Side) -> float:
         """Return the standard uncertainty of one window due to counting, N·m (arXiv:1506.05009).
 
-        For an amplifier, it is that of one value.
+        For an amplifier, return the standard uncertainty of one value.
         """
         transducer, counter = self.module(side).transducer, self.counter
         if transducer.signal != "frequency":

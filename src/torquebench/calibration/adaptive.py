@@ -212,7 +212,7 @@ def place_points(data: CalibrationData, settings: Adaptive) -> Proposed:
     Returns
     -------
     Proposed
-        Without points where the target is reached or the budget used.
+        The proposal; it has no points where the target is reached or the budget used up.
 
     Raises
     ------

@@ -119,7 +119,7 @@ def measure_calibration(
 
 
 def _model_in_use(station: Station, side: Side) -> tuple[ActiveChain | None, str]:
-    """Return a module's model in use, or the reason why it can't be read; without one, neither."""
+    """Return a module's model in use, or None and why it can't be read ("" if there is none)."""
     description, counter = station.description, station.drivers.counter.clock_identity
     serial, registry = description.module(side).transducer.serial, station.registry
     try:

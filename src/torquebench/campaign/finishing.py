@@ -90,7 +90,7 @@ def finish_run(
     InputError
         The run is an interrupted calibration, which must be resumed on its bench.
     RecordError
-        Its folder was changed, or the registry can't take it.
+        The run's folder was changed, or the registry can't record the run.
     """
     folder = RunFolder.open(run.folder)
     if run.state is RunState.LEFT_OPEN:

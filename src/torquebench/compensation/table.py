@@ -148,7 +148,7 @@ class CompensationTable:
         if self.uncertainty_curve is None:
             raise InputError(
                 "a table without uncertainty",
-                "a table with it",
+                "a table with uncertainty",
                 "compile the model with its uncertainty",
             )
         reading, signs = _reading(reading_nm), _branch(branch)

@@ -87,7 +87,8 @@ class LimitBook:
             self._own[side] = SideLimits(**given)
         self._present = dict(self._own)
         self.angle_changes = dict.fromkeys(SIDES, 0)
-        """Counts new limits of an angle by side: after each, the angle is counted afresh."""
+        """Number of new angle limits of each side; after each new limit, the angle is counted from
+        0 again."""
 
     def side(self, side: Side) -> SideLimits:
         """Limits in force on a side."""

@@ -51,7 +51,7 @@ RETOLD_S = 1.0
 READ_PERIOD_S = 0.005
 """Interval at which a drive that was switched off is polled, s of wall time."""
 FAST_PATIENCE = 15.0
-"""Factor on wall-clock times in simulated time, which stops meanwhile."""
+"""Factor on time-outs of the wall clock for simulated time, which may stand still meanwhile."""
 NO_SET_POINT = 1e-3
 """Share of the range below which a set point counts as zero."""
 
