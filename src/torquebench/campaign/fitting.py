@@ -79,7 +79,7 @@ _TITLES = {
     "raw": "raw reading",
 }
 
-CHOSEN_ELSEWHERE = ("range_nm", "range_margin", "outliers")
+CHOSEN_ELSEWHERE = ("range_nm", "range_margin", "outliers", "zeroed")
 """Parameters that are estimated from the data, or have command options of their own."""
 
 
@@ -254,7 +254,7 @@ def fit_models(
     before = before or ModelInUse()
     unread = (before.unreadable,) if before.unreadable else ()
     for choice in choices:
-        settings = {**choice.parameters, "outliers": "keep"}
+        settings = {"zeroed": data.tared, **choice.parameters, "outliers": "keep"}
         model = make_model(choice.name, range_nm=data.range_nm, **settings)
         words = model_title(model.kind, model.kind_parameters)
         part = Part(progress, SHARES * len(fitted))
@@ -483,8 +483,8 @@ def fit_table(
     """
     data, examination = _examined(data)
     kept = _kept(data, examination, outliers)
-    given = {**(parameters or {}), "range_nm": data.range_nm, "outliers": "keep"}
-    model = make_model(name, **given)
+    given = {"zeroed": data.tared, **(parameters or {})}
+    model = make_model(name, **{**given, "range_nm": data.range_nm, "outliers": "keep"})
     X = kept.features(feature_columns(model))
     progress.start("Fitting the model", SHARES)
     with warnings.catch_warnings(record=True) as caught:

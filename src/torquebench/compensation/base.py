@@ -30,7 +30,7 @@ from torquebench.compensation.columns import (
     features,
 )
 from torquebench.compensation.curve_uncertainty import student_widening
-from torquebench.compensation.estimator import Between, Estimator, OneOf, parameter
+from torquebench.compensation.estimator import Between, Estimator, OneOf, Truth, parameter
 from torquebench.compensation.state import decode_value, encode_value
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -93,6 +93,9 @@ class CompensationModel(Estimator, ABC):
     outliers : {"downweight", "refuse", "keep"}, default "downweight"
         Treatment of outliers: warn (`OutlierWarning`) and raise their standard deviation to their
         deviation, raise `InputError`, or don't search for them.
+    zeroed : bool, default False
+        Whether readings count from the chain's zero, taken without load before each series: then
+        the torque is 0 where a chain that was just zeroed reads 0. The hybrid uses it.
 
     Attributes
     ----------
@@ -126,6 +129,7 @@ class CompensationModel(Estimator, ABC):
     outliers: str = parameter(
         OneOf(frozenset({"downweight", "refuse", "keep"})), default="downweight"
     )
+    zeroed: bool = parameter(Truth(), default=False)
 
     kind: ClassVar[str] = ""
     """Name in `MODELS`; set by `register`."""

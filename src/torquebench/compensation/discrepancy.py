@@ -64,6 +64,7 @@ def fit_posterior(model: CompensationModel, X: ArrayLike, y: ArrayLike) -> Hybri
         range_nm=model.range_nm,
         range_margin=model.range_margin,
         outliers=model.outliers,
+        zeroed=model.zeroed,
         maximum_points=POSTERIOR_POINTS,
     )
     with warnings.catch_warnings():

@@ -601,12 +601,12 @@ class _Posteriors:
 
     def __init__(self, X: FloatArray, y: FloatArray) -> None:
         self._X, self._y = X, y
-        self._fitted: dict[tuple[float | None, float, str], CompensationModel] = {}
+        self._fitted: dict[tuple[float | None, float, str, bool], CompensationModel] = {}
 
     def complete(self, model: CompensationModel) -> CompensationModel:
         """Add the uncertainty to a model whose curve was fitted without it."""
         if model.uncertainty_ is None and model.points_ >= FEWEST_POINTS:
-            key = (model.range_nm, model.range_margin, model.outliers)
+            key = (model.range_nm, model.range_margin, model.outliers, model.zeroed)
             if key not in self._fitted:
                 self._fitted[key] = fit_posterior(model, self._X, self._y)
             model.uncertainty_ = discrepancy_of(model, self._fitted[key], self._X)

@@ -193,6 +193,25 @@ def test_a_gross_offset_is_learned_although_the_zero_was_taken() -> None:
     assert rms_error(fitted(chain, 80), chain) < 8e-5
 
 
+def test_a_curve_begins_at_the_zero_that_its_readings_count_from() -> None:
+    """It had the offset that fits the loaded points best, so that an unloaded chain read it."""
+    terms = (*LINEAR, Term("smooth-step", 4e-4, (0.01,)), Term("loop", 4e-4, (1.0, 1.0)))
+    errors = []
+    for seed in range(4):
+        chain = Chain("", seed, terms, Noise(scale=2e-4))
+        data = chain.calibration(50)
+        models = [HybridModel(range_nm=chain.range_nm, zeroed=zeroed) for zeroed in (False, True)]
+        for model in models:
+            model.fit(data.X, data.standard_nm)
+        zero = features([0.0], 0.0, 1.0)
+        free, zeroed = (float(model.predict(zero)[0]) for model in models)
+        assert abs(zeroed) < 1e-7 * chain.range_nm < abs(free)
+        assert models[1].curve_uncertainty(zero)[0] < models[0].curve_uncertainty(zero)[0]
+        errors.append([rms_error(model, chain) for model in models])
+    free, zeroed = np.mean(errors, axis=0)
+    assert zeroed < 1.05 * free
+
+
 # ---- the path as a clock ----------------------------------------------------------------------
 
 
