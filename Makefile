@@ -64,7 +64,7 @@ pictures: $(VENV)/.installed-test
 	$(BIN)/python -m tests.pictures
 
 tests: $(VENV)/.installed-test
-	$(BIN)/pytest -n auto --dist worksteal
+	$(BIN)/pytest -n auto --dist worksteal --durations 20 --durations-min 8
 
 # The numbers again as on another processor: NumPy, kernels and linear algebra without the vector
 # instructions of this one. No result depends on the sign of a zero or on the last bit.

@@ -288,7 +288,7 @@ def fit_models(
 def entry_in_use(registry: Registry, serial: str, counter: str) -> ModelEntry | None:
     """Return a chain's active model, for comparison with a new calibration.
 
-    None if there is none, or where the transducer was adjusted since its calibration.
+    None if no model is in use, or if the transducer was adjusted since its calibration.
     """
     try:
         entry = registry.active_model(serial, counter)

@@ -442,7 +442,7 @@ def _shifted(points: Sequence[tuple[Step, Row]], last_s: float) -> tuple[tuple[S
 
 
 def _first_of_position(steps: Sequence[Step], series: int) -> int:
-    """Return the first series in the same mounting position as a series."""
+    """Return the number of the first series in the mounting position of a series."""
     position = 0
     positions: dict[int, int] = {}
     for step in steps:

@@ -132,7 +132,7 @@ def measure_turning(
     if profile.kind == "dynamics":
         if isinstance(begun, EmptyTable | BegunCalibration):
             raise InputError(
-                Message("profile {name}", profile.name), "the one of the interrupted run"
+                Message("profile {name}", profile.name), "the profile of the interrupted run"
             )
         return _measure_steps(
             station, side, profile, target, StepTable() if begun is None else begun, options
@@ -169,7 +169,7 @@ def measure_turning(
         rows = len(points.result) + (0 if before is None else len(before.points))
         return TurningRun(record.run_id, rows, record.bench_seconds)
     if isinstance(begun, BegunCalibration | StepTable):
-        raise InputError(Message("profile {text}", profile.name), "the one of the interrupted run")
+        raise InputError(Message("profile {text}", profile.name), "the profile of the interrupted run")
     table = EmptyTable(side) if begun is None else begun
 
     def write(done: EmptyTable) -> None:

@@ -233,9 +233,9 @@ class Hysteresis(GearedEvaluation, DescribedEvaluation):
     closure_percent: Annotated[
         Number, field("Largest gap of a closed loop, % of its width.", ge=0, le=100)
     ] = 5.0
-    bench_compliance_arcmin_per_nm: Annotated[Number, field("Twist of the bench.", ge=0)] = 0.0
+    bench_compliance_arcmin_per_nm: Annotated[Number, field("Twist of the bench per torque.", ge=0)] = 0.0
     compliance_uncertainty_arcmin_per_nm: Annotated[
-        Number, field("Its standard uncertainty.", ge=0)
+        Number, field("Standard uncertainty of that twist.", ge=0)
     ] = 0.0
     flange_inertia_kgm2: Annotated[
         Number | None,
@@ -388,7 +388,7 @@ class NoLoad(MotorEvaluation, DescribedEvaluation):
     tolerance_rpm: SpeedTolerance = None
     zeroed: Zeroed = False
     reference_temperature_c: Annotated[
-        Number | None, field("Bring torques to this temperature.")
+        Number | None, field("Temperature to which torques are corrected.")
     ] = None
     torque_uncertainty_percent: TorqueUncertainty = 0.0
     zero_uncertainty_nm: ZeroUncertainty = 0.0
