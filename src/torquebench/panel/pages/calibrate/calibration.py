@@ -446,7 +446,8 @@ def signing(page: _CalibrationPage, password: Field) -> Iterator[None]:
         password.wrong(page.text.refusal_line(error))
         password.set("")
     finally:
-        set_disabled(password.control, False)
+        if not password.control.is_deleted:  # the page may show another step by now
+            set_disabled(password.control, False)
 
 
 # -- certificate ----------------------------------------------------------------------------
