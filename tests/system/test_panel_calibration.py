@@ -145,7 +145,7 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     assert ana.button("Download").text.endswith((".pdf", ".xml", ".json"))
 
     ana.open("/calibrations/1?step=models")
-    ana.press("Fit one more model")
+    ana.press("Fit another model")
     ana.choose("Model", "published-network")
     ana.fill("Parameters", "epochs=40")
     ana.press("Fit it to the rising points alone")

@@ -108,6 +108,7 @@ def test_a_failure_is_told_where_its_page_was_left_and_its_form_begins_with_the_
             job = f"/jobs/{begun.json()['job_id']}"
             client.post(f"{job}/abort", json={}).raise_for_status()
             person.wait(lambda job=job: client.get(job).json()["finished"], "its end")
+        client.delete("/command").raise_for_status()
     person.open("/calibrate")  # it shows the newest job only
     person.sees("Zeroing: aborted")
 
