@@ -169,7 +169,9 @@ def measure_turning(
         rows = len(points.result) + (0 if before is None else len(before.points))
         return TurningRun(record.run_id, rows, record.bench_seconds)
     if isinstance(begun, BegunCalibration | StepTable):
-        raise InputError(Message("profile {text}", profile.name), "the profile of the interrupted run")
+        raise InputError(
+            Message("profile {text}", profile.name), "the profile of the interrupted run"
+        )
     table = EmptyTable(side) if begun is None else begun
 
     def write(done: EmptyTable) -> None:

@@ -233,7 +233,9 @@ class Hysteresis(GearedEvaluation, DescribedEvaluation):
     closure_percent: Annotated[
         Number, field("Largest gap of a closed loop, % of its width.", ge=0, le=100)
     ] = 5.0
-    bench_compliance_arcmin_per_nm: Annotated[Number, field("Twist of the bench per torque.", ge=0)] = 0.0
+    bench_compliance_arcmin_per_nm: Annotated[
+        Number, field("Twist of the bench per torque.", ge=0)
+    ] = 0.0
     compliance_uncertainty_arcmin_per_nm: Annotated[
         Number, field("Standard uncertainty of that twist.", ge=0)
     ] = 0.0
