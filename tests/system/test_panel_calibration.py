@@ -173,7 +173,7 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
         False,
     )
     assert re.search(r"… 12 of \d+ rows; the export has all\.", ana.text)
-    ana.press("Calibrations")
+    ana.open("/records?part=calibrations")
     ana.sees("in use: ")
     ana.size(800, 1000)
     ana.press("Compare")
