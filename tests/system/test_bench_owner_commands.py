@@ -21,7 +21,7 @@ def test_a_second_command_is_told_who_has_the_bench(tmp_path: Path) -> None:
     said = " ".join(refused.stderr.split())
     assert "the records in data are in use by" in said
     assert f"(process {os.getpid()} on" in said
-    assert "wait until it ends" in said
+    assert "wait until that process ends" in said
     assert run("records", "list", "--data", "data", cwd=tmp_path).returncode == 0
     assert run("panel", "--port", 0, "--data", "data", cwd=tmp_path).returncode == 2
     lock.release()

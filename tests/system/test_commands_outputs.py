@@ -148,7 +148,7 @@ def test_the_standards_uncertainty_is_stated_in_every_way_of_the_program(tables:
     assert done.returncode in (0, 1), done.stderr
     assert json.loads((tables / "all.json").read_text("utf-8"))["results"] == found[0]
     done = run(*own, "--reference-uncertainty", "0.05 % of torque", cwd=tables)
-    assert "the given" in " ".join(done.stderr.split())
+    assert "the U that was entered" in " ".join(done.stderr.split())
     done = run(*words, cwd=tables)
     assert done.returncode == 2
     assert "give --reference-uncertainty" in done.stderr

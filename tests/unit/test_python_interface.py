@@ -174,7 +174,7 @@ def test_a_missing_column_names_the_parameter() -> None:
     with pytest.raises(tb.InputError, match="columns=") as caught:
         tb.read_calibration({"reading_nm": [1.0, 2.0], "drehmoment": [1.0, 2.0]})
     assert "--column" not in str(caught.value)
-    with pytest.raises(tb.InputError, match="a int for a table"):
+    with pytest.raises(tb.InputError, match="a int instead of a table"):
         tb.read_calibration(3)
 
 

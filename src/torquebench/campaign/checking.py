@@ -190,7 +190,7 @@ def check_module(
         "tolerance_percent_fs": tolerance_percent_fs,
         "model_id": None if entry is None else entry.model_id,
     }
-    options["metadata"] = {REGISTERS: asked}
+    options["metadata"] = {**options.get("metadata", {}), REGISTERS: asked}
     steps = profile.staircase(description.module(side).range_nm)
     measured = CHECK.measure(station, side, profile, steps, **options)
     progress = options.get("progress", NO_PROGRESS)

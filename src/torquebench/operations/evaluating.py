@@ -602,6 +602,8 @@ class EvaluatedTable(Result):
     test: str
     data: str
     columns: Sequence[Mapping[str, Any]]
+    conversions: str
+    """How columns with foreign names or units were understood; empty without any."""
     quantities: Sequence[campaign.ReducerTestQuantity]
     findings: Sequence[reducers.Finding]
     reducer: Any = data_field(metadata=HIDDEN)
@@ -621,7 +623,12 @@ class EvaluatedTable(Result):
         from torquebench.reports.evaluation_report import evaluation_page
 
         return evaluation_page(
-            self.test, self.data, self.evaluated, self.quantities, self.reducer, self.figures
+            self.test,
+            f"{self.data}; {self.conversions}" if self.conversions else self.data,
+            self.evaluated,
+            self.quantities,
+            self.reducer,
+            self.figures,
         )
 
 
@@ -694,6 +701,7 @@ def run_evaluation(place: Place, request: TableEvaluation, _progress: Progress) 
         test=title,
         data=source,
         columns=read.understood.described(),
+        conversions=read.understood.sentence(),
         quantities=quantities,
         findings=findings,
         reducer=reducer,

@@ -28,7 +28,7 @@ def file_words(name: str) -> str:
     Examples
     --------
     >>> file_words("points.csv")
-    'All recorded values of this kind of event, one line per event.'
+    'Every recorded value of this kind of event, one line each.'
     """
     if name in _FILES:
         return _FILES[name]

@@ -20,7 +20,7 @@ from .distributions import (
     Distribution as Distribution,
     sample as sample,
 )
-from .monte_carlo import (
+from .propagation import (
     MonteCarloResult as MonteCarloResult,
     Validation as Validation,
     check_by_monte_carlo as check_by_monte_carlo,

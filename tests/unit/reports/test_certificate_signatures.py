@@ -159,7 +159,7 @@ def test_who_measured_by_command_is_recognised_only_where_the_user_is_linked(
         link_this_user(people, chief, linked)
     bench = verified(registry, operator="bench user")
     if linked == "Sommer":  # who measured isn't who checks, although under another name
-        with pytest.raises(RecordError, match="somebody else"):
+        with pytest.raises(RecordError, match="a person other than bench user"):
             review_and_use(registry, bench, signed("Sommer"))
         return
     review_and_use(registry, bench, signed("Sommer"))
@@ -267,12 +267,12 @@ def test_the_names_of_accounts_are_their_owners_alone(
     )
     for act in acts:
         for name in ("Sommer", " sommer ", "\uff33ommer"):
-            with pytest.raises(InputError, match="named by somebody else"):
+            with pytest.raises(InputError, match="entered by somebody else"):
                 act(name)
     link_this_user(people, chief, "Sommer")
     for act in acts[1:3]:
         act("Sommer")
-    with pytest.raises(InputError, match="named by somebody else"):
+    with pytest.raises(InputError, match="entered by somebody else"):
         review("Boss")
 
 

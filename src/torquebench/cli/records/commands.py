@@ -85,6 +85,10 @@ class ListedRun:
     bench: str
     simulated: bool
 
+    def __post_init__(self) -> None:
+        """Raise an error for values that a list can't show."""
+        self.row()
+
     def row(self) -> tuple[str, ...]:
         """Return the cells of a list."""
         bench = "simulated" if self.simulated else self.bench
@@ -102,6 +106,10 @@ class ListedCalibration:
     range_nm: float
     profile: str
     simulated: bool
+
+    def __post_init__(self) -> None:
+        """Raise an error for values that a list can't show."""
+        self.row()
 
     def row(self) -> tuple[str, ...]:
         """Return the cells of a list."""
@@ -122,6 +130,10 @@ class ListedModel:
     in_use: bool
     simulated: bool
 
+    def __post_init__(self) -> None:
+        """Raise an error for values that a list can't show."""
+        self.row()
+
     def row(self) -> tuple[str, ...]:
         """Return the cells of a list."""
         span, used = f"{self.range_nm:g} N·m", "yes" if self.in_use else ""
@@ -137,6 +149,10 @@ class ListedEquipment:
     manufacturer: str
     model: str
     range_nm: float | None
+
+    def __post_init__(self) -> None:
+        """Raise an error for values that a list can't show."""
+        self.row()
 
     def row(self) -> tuple[str, ...]:
         """Return the cells of a list."""
@@ -177,7 +193,10 @@ class ListedRecords(Result):
         for name, header in _HEADINGS.items():
             rows = getattr(self, name)
             if rows is not None:
-                table = Table(header, [each.row() for each in rows], words=True)
+                cells = [
+                    tuple("unknown" if cell is None else cell for cell in row.row()) for row in rows
+                ]
+                table = Table(header, cells, words=True)
                 text = "" if rows else "none yet"
                 sections.append(Section(name.capitalize(), text, [table] * bool(rows)))
         return Page("Records", "", sections)
