@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Place", "elementwise", "in_rows", "located", "on_lines", "on_tables"]
+__all__ = ["NodePosition", "elementwise", "in_rows", "located", "on_lines", "on_tables"]
 
 FloatArray = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ def in_rows(count: int, *values: FloatArray | float) -> FloatArray:
     return rows
 
 
-class Place(NamedTuple):
+class NodePosition(NamedTuple):
     """Positions of values between nodes: both adjacent nodes, and the share of the interval.
 
     The members are two integers and a float for one value, arrays for many.
@@ -92,25 +92,27 @@ class Place(NamedTuple):
     share: Any
 
 
-def located(nodes: FloatArray, values: FloatArray | float) -> Place:
+def located(nodes: FloatArray, values: FloatArray | float) -> NodePosition:
     """Return the positions of values; those outside are treated as the nearest node."""
     last = nodes.size - 1
     if last == 0:
         none = 0 if isinstance(values, float) else np.zeros(np.shape(values), dtype=np.intp)
-        return Place(none, none, 0.0 * none)
+        return NodePosition(none, none, 0.0 * none)
     if isinstance(values, float):
         inside = min(max(values, nodes.item(0)), nodes.item(last))
         below: Any = min(max(int(nodes.searchsorted(inside, side="right")) - 1, 0), last - 1)
         low = nodes.item(below)
-        return Place(below, below + 1, (inside - low) / (nodes.item(below + 1) - low))
+        return NodePosition(below, below + 1, (inside - low) / (nodes.item(below + 1) - low))
     within = np.minimum(np.maximum(values, nodes[0]), nodes[last])
     below = np.minimum(np.maximum(nodes.searchsorted(within, side="right") - 1, 0), last - 1)
-    return Place(below, below + 1, (within - nodes[below]) / (nodes[below + 1] - nodes[below]))
+    return NodePosition(
+        below, below + 1, (within - nodes[below]) / (nodes[below + 1] - nodes[below])
+    )
 
 
-def on_lines(curves: FloatArray, place: Place) -> Any:
-    """Interpolate curves, one in each row; return a list for one place, rows for many."""
-    below, above, share = place
+def on_lines(curves: FloatArray, position: NodePosition) -> Any:
+    """Interpolate curves, one in each row; return a list for one position, rows for many."""
+    below, above, share = position
     if isinstance(below, int):
         lines = curves[:, below : above + 1].tolist()
         return [line[0] + share * (line[-1] - line[0]) for line in lines]
@@ -118,7 +120,7 @@ def on_lines(curves: FloatArray, place: Place) -> Any:
     return low + share * (curves[:, above] - low)
 
 
-def on_tables(tables: FloatArray, row: Place, column: Place) -> Any:
+def on_tables(tables: FloatArray, row: NodePosition, column: NodePosition) -> Any:
     """Interpolate tables along their rows and columns; return values as `on_lines` does."""
     (i, j, share), (left, right, part) = row, column
     if isinstance(i, int) and isinstance(left, int):

@@ -602,8 +602,6 @@ class EvaluatedTable(Result):
     test: str
     data: str
     columns: Sequence[Mapping[str, Any]]
-    conversions: str
-    """How columns with foreign names or units were understood; empty without any."""
     quantities: Sequence[campaign.ReducerTestQuantity]
     findings: Sequence[reducers.Finding]
     reducer: Any = data_field(metadata=HIDDEN)
@@ -612,6 +610,8 @@ class EvaluatedTable(Result):
     """Result of the evaluation, of `torquebench.reducers`."""
     figures: Any = data_field(metadata=HIDDEN)
     """Draws its figures."""
+    conversions: str = data_field(metadata=HIDDEN)
+    """How `columns` with foreign names or units were converted, in words; empty without any."""
 
     @property
     def failed(self) -> bool:
@@ -624,11 +624,12 @@ class EvaluatedTable(Result):
 
         return evaluation_page(
             self.test,
-            f"{self.data}; {self.conversions}" if self.conversions else self.data,
+            self.data,
             self.evaluated,
             self.quantities,
             self.reducer,
             self.figures,
+            conversions=self.conversions,
         )
 
 
@@ -806,51 +807,21 @@ def evaluation_title(request: TableEvaluation) -> str:
     return request.title.format_map(request.model_dump())
 
 
-HYSTERESIS = Operation(
-    "evaluate hysteresis",
-    Hysteresis,
-    run_evaluation,
-    evaluation_title,
-    check=check_evaluation,
-    where="files",
-)
-FRICTION = Operation(
-    "evaluate friction",
-    Friction,
-    run_evaluation,
-    evaluation_title,
-    check=check_evaluation,
-    where="files",
-)
-NO_LOAD = Operation(
-    "evaluate no-load",
-    NoLoad,
-    run_evaluation,
-    evaluation_title,
-    check=check_evaluation,
-    where="files",
-)
-BREAKAWAY = Operation(
-    "evaluate breakaway",
-    Breakaway,
-    run_evaluation,
-    evaluation_title,
-    check=check_evaluation,
-    where="files",
-)
-TRANSMISSION_ERROR = Operation(
-    "evaluate transmission-error",
-    TransmissionError,
-    run_evaluation,
-    evaluation_title,
-    check=check_evaluation,
-    where="files",
-)
-EFFICIENCY = Operation(
-    "evaluate efficiency",
-    Efficiency,
-    run_evaluation,
-    evaluation_title,
-    check=check_evaluation,
-    where="files",
-)
+def _operation(name: str, request: type[TableEvaluation]) -> Operation:
+    """Return the operation that evaluates one test."""
+    return Operation(
+        f"evaluate {name}",
+        request,
+        run_evaluation,
+        evaluation_title,
+        check=check_evaluation,
+        where="files",
+    )
+
+
+HYSTERESIS = _operation("hysteresis", Hysteresis)
+FRICTION = _operation("friction", Friction)
+NO_LOAD = _operation("no-load", NoLoad)
+BREAKAWAY = _operation("breakaway", Breakaway)
+TRANSMISSION_ERROR = _operation("transmission-error", TransmissionError)
+EFFICIENCY = _operation("efficiency", Efficiency)

@@ -61,6 +61,8 @@ def evaluation_page(
     quantities: Sequence[ReducerTestQuantity],
     reducer: ReducerDescription | None,
     figures: Callable[[], Sequence[tuple[str, str]]],
+    *,
+    conversions: str = "",
 ) -> Page:
     """Return the report of a reducer test that was evaluated from a table.
 
@@ -75,8 +77,10 @@ def evaluation_page(
     reducer : ReducerDescription or None
     figures : callable
         Draws the figures of the result: ``<svg>`` element and caption of each.
+    conversions : str
+        How columns with foreign names or units were converted.
     """
-    facts = [("Table", source)]
+    facts = [("Table", source), *[("Columns", conversions)] * bool(conversions)]
     if reducer is not None:
         rating = f"ratio {reducer.ratio:g}, rated {reducer.rated_torque_nm:g} N·m"
         facts.append(("Reducer", f"{reducer.name}: {rating}"))

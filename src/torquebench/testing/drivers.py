@@ -111,16 +111,6 @@ class DriverContract:
     """
 
     @pytest.fixture
-    def case(self) -> DriverCase:
-        """Return the driver."""
-        raise NotImplementedError
-
-    @pytest.fixture
-    def peer(self, case: DriverCase) -> Iterator[Peer]:
-        """Yield what answers."""
-        raise NotImplementedError
-
-    @pytest.fixture
     def instrument(self, case: DriverCase, peer: Peer) -> Iterator[Any]:
         """Open the instrument."""
         opened = open_role(peer.description, case.key)

@@ -15,7 +15,7 @@ from torquebench.chain.effects.rotation import STANDSTILL_RPM
 from torquebench.chain.grid import Numbers, Table, between
 from torquebench.chain.readings import FloatArray, Readings, row_of, unknown
 from torquebench.chain.torque import Component, Shared, by_row
-from torquebench.elementwise import Place, elementwise, in_rows, located, on_lines, on_tables
+from torquebench.elementwise import NodePosition, elementwise, in_rows, located, on_lines, on_tables
 from torquebench.message import Message
 from torquebench.uncertainty import Distribution
 
@@ -285,7 +285,9 @@ class MeasuredRotation(Effect):
             warm / CORRELATION_K,
         )
 
-    def _over_all_speeds(self, number: Any, torque: Any, column: Place | None) -> tuple[Any, ...]:
+    def _over_all_speeds(
+        self, number: Any, torque: Any, column: NodePosition | None
+    ) -> tuple[Any, ...]:
         """Return zero, drag and lubrication at an unknown speed, and u of the running-in.
 
         Corrections are then 0, and the uncertainties hold for all measured speeds.

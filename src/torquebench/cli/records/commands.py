@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -75,8 +76,19 @@ class Kind(StrEnum):
     equipment = "equipment"
 
 
+class _Line(ABC):
+    """One line of a list; values that it can't show raise an error where they are read."""
+
+    def __post_init__(self) -> None:
+        self.row()
+
+    @abstractmethod
+    def row(self) -> tuple[str, ...]:
+        """Return the cells of a list."""
+
+
 @dataclass(frozen=True)
-class ListedRun:
+class ListedRun(_Line):
     """One run."""
 
     run: str
@@ -85,10 +97,6 @@ class ListedRun:
     bench: str
     simulated: bool
 
-    def __post_init__(self) -> None:
-        """Raise an error for values that a list can't show."""
-        self.row()
-
     def row(self) -> tuple[str, ...]:
         """Return the cells of a list."""
         bench = "simulated" if self.simulated else self.bench
@@ -96,7 +104,7 @@ class ListedRun:
 
 
 @dataclass(frozen=True)
-class ListedCalibration:
+class ListedCalibration(_Line):
     """One calibration."""
 
     name: str
@@ -107,10 +115,6 @@ class ListedCalibration:
     profile: str
     simulated: bool
 
-    def __post_init__(self) -> None:
-        """Raise an error for values that a list can't show."""
-        self.row()
-
     def row(self) -> tuple[str, ...]:
         """Return the cells of a list."""
         span = f"{self.range_nm:g} N·m"
@@ -119,7 +123,7 @@ class ListedCalibration:
 
 
 @dataclass(frozen=True)
-class ListedModel:
+class ListedModel(_Line):
     """One model."""
 
     name: str
@@ -130,10 +134,6 @@ class ListedModel:
     in_use: bool
     simulated: bool
 
-    def __post_init__(self) -> None:
-        """Raise an error for values that a list can't show."""
-        self.row()
-
     def row(self) -> tuple[str, ...]:
         """Return the cells of a list."""
         span, used = f"{self.range_nm:g} N·m", "yes" if self.in_use else ""
@@ -141,7 +141,7 @@ class ListedModel:
 
 
 @dataclass(frozen=True)
-class ListedEquipment:
+class ListedEquipment(_Line):
     """One piece of equipment."""
 
     kind: str
@@ -149,10 +149,6 @@ class ListedEquipment:
     manufacturer: str
     model: str
     range_nm: float | None
-
-    def __post_init__(self) -> None:
-        """Raise an error for values that a list can't show."""
-        self.row()
 
     def row(self) -> tuple[str, ...]:
         """Return the cells of a list."""
@@ -194,7 +190,8 @@ class ListedRecords(Result):
             rows = getattr(self, name)
             if rows is not None:
                 cells = [
-                    tuple("unknown" if cell is None else cell for cell in row.row()) for row in rows
+                    tuple("unknown" if cell is None else cell for cell in line.row())
+                    for line in rows
                 ]
                 table = Table(header, cells, words=True)
                 text = "" if rows else "none yet"
