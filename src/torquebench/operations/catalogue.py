@@ -154,9 +154,9 @@ def summary_of(name: str) -> str:
         return OPERATIONS[name].summary
     module, _, attribute = _PACKAGED[name].partition(":")
     source = files("torquebench.operations").joinpath(f"{module}.py").read_text(encoding="utf-8")
-    found = re.search(rf"^{attribute} = Operation\(\s*[^,]*,\s*(\w+),", source, re.MULTILINE)
-    assert found is not None
-    line = re.search(rf'^class {found[1]}\(.*\n    """(.*?)(?:""")?$', source, re.MULTILINE)
+    request = re.search(rf"^{attribute} = \w+\(\s*[^,]*,\s*(\w+)[,)]", source, re.MULTILINE)
+    assert request is not None
+    line = re.search(rf'^class {request[1]}\(.*\n    """(.*?)(?:""")?$', source, re.MULTILINE)
     assert line is not None
     return line[1]
 

@@ -9,11 +9,13 @@ import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
 import httpx
 import pytest
+from fastapi import FastAPI
 
 from torquebench import cli
 from torquebench.operations import find_operation, parameters
@@ -44,11 +46,16 @@ class Interfaces:
     folder: Path
     command: Callable[..., tuple[int, dict[str, Any]]]
 
+    @cached_property
+    def api(self) -> FastAPI:
+        """The API, made before any job runs: FastAPI changes the process's warning filters."""
+        return create_api(self.service)
+
     def http(self, method: str, path: str, body: Any = None) -> httpx.Response:
         """Ask the API."""
 
         async def asked() -> httpx.Response:
-            transport = httpx.ASGITransport(create_api(self.service))
+            transport = httpx.ASGITransport(self.api)
             own = {"Authorization": f"Bearer {self.token}"}
             async with httpx.AsyncClient(
                 transport=transport, base_url="http://panel", headers=own
