@@ -3,6 +3,7 @@
 
 import threading
 import time
+from collections.abc import Callable
 from concurrent import futures
 from itertools import pairwise
 from types import TracebackType
@@ -13,7 +14,7 @@ from nidaqmx._stubs import nidaqmx_pb2 as messages
 from nidaqmx._stubs import nidaqmx_pb2_grpc as services
 
 TIMEBASE_HZ = 100_000_000
-RESERVED, NO_TASK = -50103, -200088
+RESERVED, NO_TASK, NO_CHANNEL = -50103, -200088, -200170
 
 
 class _Task:
@@ -23,15 +24,25 @@ class _Task:
         self.handed = 0
         self.rate_hz = 1000.0
         self.started = False
+        self.inputs: list[tuple[str, str]] = []
+        self.triggers: list[str] = []
 
 
 class CounterCardPeer(services.NiDAQmxServicer):
     """Edges of `frequency_hz` on every channel, encoders that turn at `counts_per_s`.
 
-    Edge n comes at n / f, counted from the clock's first pulse.
+    Edge n comes at n / f, counted from the clock's first pulse. `inputs` are the volts, or mV/V,
+    of the analogue inputs by their terminal, over the time.
     """
 
-    def __init__(self, serial: int, frequency_hz: float, counts_per_s: float) -> None:
+    def __init__(
+        self,
+        serial: int,
+        frequency_hz: float,
+        counts_per_s: float,
+        inputs: dict[str, Callable[[float], float]] | None = None,
+    ) -> None:
+        self.inputs = inputs or {}
         self.serial = serial
         self.frequency_hz = frequency_hz
         self.counts_per_s = counts_per_s
@@ -110,6 +121,23 @@ class CounterCardPeer(services.NiDAQmxServicer):
         task.counter, task.kind = request.counter, "encoder"
         return messages.CreateCIAngEncoderChanResponse()
 
+    def CreateAIVoltageChan(self, request: Any, context: Any) -> Any:
+        self._add_input(request, context, f"±{request.max_val:g} V")
+        return messages.CreateAIVoltageChanResponse()
+
+    def CreateAIBridgeChan(self, request: Any, context: Any) -> Any:
+        unit = {15897: "mV/V", 15896: "V/V"}[request.units_raw]
+        excited = f"{request.voltage_excit_val:g} V, {request.nominal_bridge_resistance:g} ohm"
+        self._add_input(request, context, f"±{request.max_val:g} {unit} at {excited}")
+        return messages.CreateAIBridgeChanResponse()
+
+    def _add_input(self, request: Any, context: Any, setting: str) -> None:
+        if request.physical_channel not in self.inputs:
+            self._fail(context, NO_CHANNEL)
+        task = self._task(request, context)
+        task.counter, task.kind = "ai", "clock"
+        task.inputs.append((request.physical_channel, setting))
+
     def CreateCOPulseChanFreq(self, request: Any, context: Any) -> Any:
         task = self._task(request, context)
         task.counter, task.kind = request.counter, "clock"
@@ -121,12 +149,14 @@ class CounterCardPeer(services.NiDAQmxServicer):
 
     def CfgSampClkTiming(self, request: Any, context: Any) -> Any:
         self._task(request, context).rate_hz = request.rate
+        self._task(request, context).triggers.append(request.source)
         return messages.CfgSampClkTimingResponse()
 
     def SetTrigAttributeInt32(self, request: Any, context: Any) -> Any:
         return messages.SetTrigAttributeInt32Response()
 
     def SetTrigAttributeString(self, request: Any, context: Any) -> Any:
+        self._task(request, context).triggers.append(request.value)
         return messages.SetTrigAttributeStringResponse()
 
     def StartTask(self, request: Any, context: Any) -> Any:
@@ -154,15 +184,30 @@ class CounterCardPeer(services.NiDAQmxServicer):
         task = self._task(request, context)
         return messages.GetReadAttributeUInt32Response(value=self._there(task) - task.handed)
 
-    def ReadCounterU32Ex(self, request: Any, context: Any) -> Any:
-        task, count = self._task(request, context), request.num_samps_per_chan
-        deadline = time.monotonic() + request.timeout
+    def _await(self, task: _Task, count: int, timeout_s: float) -> range | None:
+        """Return the numbers of the next samples; None if they don't come in time."""
+        deadline = time.monotonic() + timeout_s
         while self._there(task) - task.handed < count:
             if time.monotonic() > deadline:
-                return messages.ReadCounterU32ExResponse(status=-200284)
+                return None
             time.sleep(0.001)
         numbers = range(task.handed, task.handed + count)
         task.handed += count
+        return numbers
+
+    def ReadAnalogF64(self, request: Any, context: Any) -> Any:
+        task, count = self._task(request, context), request.num_samps_per_chan
+        numbers = self._await(task, count, request.timeout)
+        if numbers is None:
+            return messages.ReadAnalogF64Response(status=-200284)
+        values = [self.inputs[port](n / task.rate_hz) for port, _ in task.inputs for n in numbers]
+        return messages.ReadAnalogF64Response(read_array=values, samps_per_chan_read=count)
+
+    def ReadCounterU32Ex(self, request: Any, context: Any) -> Any:
+        task, count = self._task(request, context), request.num_samps_per_chan
+        numbers = self._await(task, count, request.timeout)
+        if numbers is None:
+            return messages.ReadCounterU32ExResponse(status=-200284)
         if task.kind == "period":
             ticks = [round(n / self.frequency_hz * TIMEBASE_HZ) for n in (*numbers, numbers.stop)]
             values = [after - before for before, after in pairwise(ticks)]

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from torquebench.bench.drivers.base import Block, CounterCard, Drive, Identity
+from torquebench.bench.drivers.base import Block, CounterCard, Drive, Identity, Positioned
 from torquebench.bench.roles import SIDES, Side, angle_channel
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -118,7 +118,7 @@ class DriveAngles:
     Parameters
     ----------
     drives : mapping of side to Drive
-        Drives that have `position_counts`.
+        Drives that are `Positioned`.
 
     Raises
     ------
@@ -127,11 +127,12 @@ class DriveAngles:
     """
 
     def __init__(self, drives: Mapping[Side, Drive]) -> None:
-        self._drives: Mapping[Side, Any] = drives
+        self._drives: dict[Side, Positioned] = {}
         self._position: dict[Side, int] = {}
         for side, drive in drives.items():
-            motor = getattr(drive, "drive", drive)  # of the drive behind a gear
-            if not hasattr(motor, "position_counts"):
+            if isinstance(drive, Positioned):
+                self._drives[side] = drive
+            else:
                 raise InputError(
                     Message("driver.{side}_drive states no position", side),
                     "a drive that does, for driver.angles.protocol = 'drives'",

@@ -56,6 +56,7 @@ __all__ = [
     "ModeConverter",
     "Mounting",
     "OperatorPrompts",
+    "Positioned",
     "PowerSupply",
     "RailPosition",
     "ReferenceReadout",
@@ -180,6 +181,14 @@ class Drive(Protocol):
 
     def close(self) -> None:
         """Release the drive. A second call does nothing."""
+
+
+@runtime_checkable
+class Positioned(Protocol):
+    """A drive that states the position of its own encoder, for `driver.angles` by the drives."""
+
+    def position_counts(self) -> int:
+        """Request the position, a signed word of 32 bits, clockwise positive."""
 
 
 CLOCKS_APART_S = 0.1

@@ -17,7 +17,8 @@ from torquebench.signals import Record, SignalFaultKind
 __all__ = ["DescribedCounter", "LibraryCounter", "counted"]
 
 Result = TypeVar("Result")
-LONGEST_SAID = 160
+LONGEST_SAID = 1000
+"""Vendors' messages end with their code and task."""
 
 
 class DescribedCounter:

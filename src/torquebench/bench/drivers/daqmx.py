@@ -1,10 +1,11 @@
-"""Counters of NI-DAQmx hardware: every edge of the torque transducers, and both encoders.
+"""NI-DAQmx hardware: every edge of the torque transducers, voltages, bridges, and both encoders.
 
 `nidaqmx` uses the local driver, or over gRPC an NI gRPC Device Server. One counter per transducer
 measures periods in ticks of the timebase (buffered, without gaps); their sum is the time of each
-edge. One counter per encoder counts its position at the sample clock, which another counter derives
-from the same timebase. The sample clock's first pulse arms all counters, so that they share one
-time axis.
+edge. An analogue input measures a voltage or a bridge, averaged over each window. One counter per
+encoder counts its position at the sample clock, which the analogue inputs or one more counter
+derive from the same timebase. The clock's start arms all counters, so that they share one time
+axis.
 """
 
 from __future__ import annotations
@@ -13,13 +14,13 @@ import contextlib
 import os
 import time
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from torquebench.bench.description import BenchDescription
+from torquebench.bench.description import BenchDescription, TransducerDescription
 from torquebench.bench.drivers.base import Block, Identity, Side
 from torquebench.bench.drivers.counters import LibraryCounter
 from torquebench.bench.drivers.links import Address, TimeOut
@@ -29,10 +30,11 @@ from torquebench.bench.drivers.plugins import (
     Options,
     require_library,
 )
-from torquebench.bench.roles import SIDES, angle_channel
+from torquebench.bench.roles import SIDES, angle_channel, torque_channel
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.signals import EdgeBlock, Record
+from torquebench.validation import ConflictError
 
 __all__ = ["PLUGIN", "DaqmxCounter", "DaqmxOptions"]
 
@@ -42,7 +44,15 @@ HIGHEST_HZ = 400e3
 """240 ± 120 kHz, with margin"""
 COUNTS_A_PULSE = 4
 SHORTEST_REMOTE_READ_S = 0.025
-Terminal = Annotated[str, Field(pattern=r"^[^/\s]+/ctr\d+$", description="such as Dev1/ctr0")]
+BEYOND_RANGE = 1.02
+"""Share of an analogue input's range above which it is overloaded or its wire is open."""
+BRIDGE_RANGE = 1.5
+"""Range of a bridge input, as a multiple of the signal at nominal torque."""
+Counter = Annotated[str, Field(pattern=r"^[^/\s]+/_?ctr\d+$", description="such as Dev1/ctr0")]
+Terminal = Annotated[
+    str,
+    Field(pattern=r"^[^/\s]+/(_?ctr|ai)\d+$", description="such as Dev1/ctr0 or Dev1/ai0"),
+]
 LOCAL_REMEDY = (
     "install NI's driver NI-DAQmx (Windows and some Linux), check device and counters in NI MAX or "
     "with `nilsdev`, or give driver.counter.address to reach a card in another computer"
@@ -54,10 +64,13 @@ REMOTE_REMEDY = (
 
 
 class DaqmxOptions(Options):
-    """Counters by channel and encoder; without `address`, the driver on this computer is used.
+    """Terminals by channel and encoder; without `address`, this computer's driver is used.
 
-    `latency_s` is the longest time from an edge at the counter to the computer's buffer: blocks are
-    older than the newest sample by this time.
+    `clock` is the counter, or the unused analogue input, whose task gives the sample clock; that of
+    analogue channels does so by itself. `latency_s` is the longest time from an edge at the counter
+    to the computer's buffer: blocks are older than the newest sample by this time. An analogue
+    channel is a voltage within ±`range_v`, or a full bridge of `bridge_ohm` fed with
+    `excitation_v`, as its transducer's signal is described.
     """
 
     address: Address | None = None
@@ -65,11 +78,52 @@ class DaqmxOptions(Options):
     channels: Mapping[
         Literal["input_torque", "output_torque", "input_reference", "output_reference"], Terminal
     ] = Field(min_length=2)
-    encoders: Mapping[Literal["input", "output"], Terminal] = Field(min_length=2)
-    clock: Terminal
+    encoders: Mapping[Literal["input", "output"], Counter] = Field(default_factory=dict)
+    clock: Terminal | None = None
+    range_v: Annotated[float, Field(gt=0.0, le=100.0, description="V")] = 10.0
+    excitation_v: Annotated[float, Field(gt=0.0, le=20.0, description="V")] = 5.0
+    bridge_ohm: Annotated[float, Field(gt=0.0, le=1e5, description="ohm")] = 350.0
     sample_rate_hz: Annotated[float, Field(ge=100.0, le=1e5, description="Hz")] = 1000.0
     latency_s: Annotated[float, Field(ge=0.0, le=0.5, description="s")] = 0.002
     timeout_s: TimeOut = 1.0
+
+    @property
+    def analog(self) -> dict[str, str]:
+        """Analogue inputs by channel."""
+        return {str(name): port for name, port in self.channels.items() if "/ai" in port}
+
+    @model_validator(mode="after")
+    def _timed(self) -> Self:
+        if len(self.encoders) == 1:
+            raise ConflictError(
+                "encoders",
+                Message("only one, {side}", next(iter(self.encoders))),
+                "a counter for each encoder, or none",
+                "add the other one, or read both by [driver.angles]",
+            )
+        by_input = bool(self.analog) or "/ai" in (self.clock or "")
+        if self.analog and self.clock is not None:
+            raise ConflictError(
+                "clock",
+                self.clock,
+                "no clock beside analogue channels, whose own clock times everything",
+                "remove it",
+            )
+        if self.clock is None and not by_input:
+            raise ConflictError(
+                "clock",
+                "missing",
+                "one more counter, or an unused analogue input such as Dev1/ai0",
+                "add it",
+            )
+        if not self.encoders and not by_input:
+            raise ConflictError(
+                "clock",
+                str(self.clock),
+                "an analogue input such as Dev1/ai0 if no counter reads an encoder",
+                "choose an unused analogue input: it needs no wire",
+            )
+        return self
 
 
 class _Periods:
@@ -124,8 +178,15 @@ class DaqmxCounter(LibraryCounter):
         self._tasks: dict[str, Any] = {}
         self._reader: dict[str, Any] = {}
         self._selected: frozenset[str] = frozenset()
-        self._periods = {str(name): _Periods() for name in options.channels}
+        self._analog = tuple(options.analog)
+        self._signals = {name: _transducer(description, name) for name in self._analog}
+        self._periods = {
+            str(name): _Periods() for name in options.channels if name not in self._analog
+        }
         self._held: dict[Side, NDArray[np.int64]] = {}
+        self._sides = tuple(side for side in SIDES if side in options.encoders)
+        self._volts = np.empty((len(self._analog), 0))
+        self._windows = 0
         self._position: dict[Side, int] = {}
         self._samples = 0
         self._waiting = 0
@@ -139,6 +200,13 @@ class DaqmxCounter(LibraryCounter):
                 ),
             )
         self._ticks_a_sample = round(rate)
+        self._samples_a_window = round(self._counting.window_s * options.sample_rate_hz)
+        if self._analog and self._samples_a_window < 1:
+            raise InputError(
+                Message("sample_rate_hz = {sample_rate_hz:g}", options.sample_rate_hz),
+                Message("a sample in each window of {window_s:g} s", self._counting.window_s),
+                "raise it",
+            )
         self._channel = self._connect()
         try:
             self._serial = self.identity().serial
@@ -146,13 +214,19 @@ class DaqmxCounter(LibraryCounter):
             self.close()
             raise
 
-    times_encoders = True
-    """Whether the counter reads encoders, so that no other source of angles is needed."""
+    @property
+    def times_encoders(self) -> bool:
+        """Whether the counter reads encoders, so that no other source of angles is needed."""
+        return bool(self._sides)
 
     @property
     def shortest_read_s(self) -> float:
-        """A read of a card in this computer costs nothing; over gRPC it takes six round trips."""
-        return 0.0 if self._options.address is None else SHORTEST_REMOTE_READ_S
+        """A read of a card in this computer costs nothing; over gRPC it takes six round trips.
+
+        An analogue value is there when its window is over.
+        """
+        remote_s = 0.0 if self._options.address is None else SHORTEST_REMOTE_READ_S
+        return max(remote_s, self._counting.window_s if self._analog else 0.0)
 
     # -- the device -------------------------------------------------------------------------
 
@@ -206,9 +280,9 @@ class DaqmxCounter(LibraryCounter):
             return task
 
         def question() -> None:
-            for name, terminal in self._options.channels.items():
-                self._period_task(create(name), terminal)
-            for side in SIDES:
+            for name in self._periods:
+                self._period_task(create(name), self._options.channels[name])  # type: ignore[index]
+            for side in self._sides:
                 self._encoder_task(create(f"{side}_encoder"), side, self._options.encoders[side])
             for counter, task in self._tasks.items():
                 reader = self._readers.CounterReader(task.in_stream)
@@ -216,23 +290,63 @@ class DaqmxCounter(LibraryCounter):
                 self._reader[counter] = reader
                 task.start()
             clock = create("clock")
-            clock.co_channels.add_co_pulse_chan_freq(
-                self._options.clock, freq=self._options.sample_rate_hz
-            )
-            clock.timing.cfg_implicit_timing(self._constants.AcquisitionType.CONTINUOUS)
+            if self._by_input:
+                self._analog_task(clock)
+            else:
+                clock.co_channels.add_co_pulse_chan_freq(
+                    self._options.clock, freq=self._options.sample_rate_hz
+                )
+                clock.timing.cfg_implicit_timing(self._constants.AcquisitionType.CONTINUOUS)
             clock.start()
 
         self._ask(question, "starting the counters")
 
     @property
-    def _clock_output(self) -> str:
-        device, _, counter = self._options.clock.partition("/")
-        return f"/{device}/{counter.capitalize()}InternalOutput"
+    def _by_input(self) -> bool:
+        """Whether the sample clock is that of the analogue inputs."""
+        return bool(self._analog) or "/ai" in str(self._options.clock)
+
+    def _analog_task(self, task: Any) -> None:
+        inputs = task.ai_channels
+        for name in self._analog or ("",):
+            terminal = self._options.analog.get(name) or self._options.clock
+            if name and self._signals[name].signal == "mV/V":
+                full = BRIDGE_RANGE * float(self._signals[name].signal_at_nominal or 0.0)
+                inputs.add_ai_bridge_chan(
+                    terminal,
+                    min_val=-full,
+                    max_val=full,
+                    units=self._constants.BridgeUnits.MILLIVOLTS_PER_VOLT,
+                    voltage_excit_val=self._options.excitation_v,
+                    nominal_bridge_resistance=self._options.bridge_ohm,
+                )
+            else:
+                full = self._options.range_v
+                inputs.add_ai_voltage_chan(terminal, min_val=-full, max_val=full)
+        self._timing(task)
+        reader = self._readers.AnalogMultiChannelReader(task.in_stream)
+        reader.verify_array_shape = False
+        self._reader["clock"] = reader
+
+    def _timing(self, task: Any, **source: str) -> None:
+        task.timing.cfg_samp_clk_timing(
+            self._options.sample_rate_hz,
+            sample_mode=self._constants.AcquisitionType.CONTINUOUS,
+            samps_per_chan=round(BUFFER_S * self._options.sample_rate_hz),
+            **source,
+        )
+
+    def _terminal(self, of_inputs: str) -> str:
+        """Return the terminal of the analogue inputs' clock, or of the clock's counter."""
+        if self._by_input:
+            return f"/{self._options.device}/ai/{of_inputs}"
+        device, _, counter = str(self._options.clock).partition("/")
+        return f"/{device}/{counter.lstrip('_').capitalize()}InternalOutput"
 
     def _armed(self, task: Any) -> None:
         trigger = task.triggers.arm_start_trigger
         trigger.trig_type = self._constants.TriggerType.DIGITAL_EDGE
-        trigger.dig_edge_src = self._clock_output
+        trigger.dig_edge_src = self._terminal("StartTrigger")
         trigger.dig_edge_edge = self._constants.Edge.RISING
 
     def _period_task(self, task: Any, terminal: str) -> None:
@@ -264,12 +378,7 @@ class DaqmxCounter(LibraryCounter):
             units=self._constants.AngleUnits.TICKS,
             pulses_per_rev=self._per_revolution[side] // COUNTS_A_PULSE,
         )
-        task.timing.cfg_samp_clk_timing(
-            self._options.sample_rate_hz,
-            source=self._clock_output,
-            sample_mode=self._constants.AcquisitionType.CONTINUOUS,
-            samps_per_chan=round(BUFFER_S * self._options.sample_rate_hz),
-        )
+        self._timing(task, source=self._terminal("SampleClock"))
         self._armed(task)
 
     # -- reading ----------------------------------------------------------------------------
@@ -293,8 +402,10 @@ class DaqmxCounter(LibraryCounter):
         if stop_sample + latency > self._samples:
             # Read a backlog at once: block by block it would never be worked off.
             wanted = max(stop_sample + latency - self._samples, self._waiting)
-            for side in SIDES:
+            for side in self._sides:
                 self._read_encoder(side, wanted, duration_s)
+            if self._by_input:
+                self._read_inputs(wanted, duration_s)
             self._samples += wanted
             for name, periods in self._periods.items():
                 periods.take(self._available(name))
@@ -318,33 +429,65 @@ class DaqmxCounter(LibraryCounter):
                     "raise driver.counter.latency_s",
                 )
             edges[name] = EdgeBlock(ticks, start_tick, stop_tick, self._counting.timebase_hz)
-        angles = {angle_channel(side): self._angles(side, count) for side in SIDES}
+        records = {angle_channel(side): self._angles(side, count) for side in self._sides}
+        records |= self._means(stop_sample)
         start_s, stop_s = self._start_sample / rate, stop_sample / rate
         self._start_sample = stop_sample
-        return Block(start_s, stop_s, edges, angles, waiting_s=waiting_s)
+        return Block(start_s, stop_s, edges, records, waiting_s=waiting_s)
 
     def _count_waiting(self) -> int:
         """Return the number of unread samples that the sample clock has passed."""
-        stream = self._tasks[f"{SIDES[0]}_encoder"].in_stream
+        sampled = "clock" if self._by_input else f"{self._sides[0]}_encoder"
+        stream = self._tasks[sampled].in_stream
         return int(self._ask(lambda: stream.avail_samp_per_chan, "samples that wait"))
 
     def _read_encoder(self, side: Side, wanted: int, duration_s: float) -> None:
         raw = np.empty(wanted, dtype=np.uint32)
-        timeout_s = duration_s + self._options.latency_s + 0.5 * self._options.timeout_s
-        reader = self._reader[f"{side}_encoder"]
-        read = self._ask(
-            lambda: reader.read_many_sample_uint32(raw, wanted, timeout_s),
-            Message("{side} encoder", side),
-        )
-        if read != wanted:
-            raise BenchError(
-                Message("counter of the {side} encoder sends {read} samples", side, read),
-                Message("the {wanted} that were requested", wanted),
-                "check that no other program reads it",
-            )
+        reader = self._reader[f"{side}_encoder"].read_many_sample_uint32
+        self._read_samples(reader, raw, wanted, duration_s, Message("{side} encoder", side))
         counts = self._unwrapped(side, raw)
         before = self._held.get(side, np.empty(0, dtype=np.int64))
         self._held[side] = np.concatenate((before, counts))
+
+    def _read_samples(
+        self, read: Any, into: NDArray[Any], wanted: int, duration_s: float, what: str
+    ) -> None:
+        """Read exactly `wanted` samples of a task that the sample clock times."""
+        timeout_s = duration_s + self._options.latency_s + 0.5 * self._options.timeout_s
+        count = self._ask(lambda: read(into, wanted, timeout_s), what)
+        if count != wanted:
+            raise BenchError(
+                Message("{place}: {what} sends {count} samples", self._place, what, count),
+                Message("the {wanted} that were requested", wanted),
+                "check that no other program reads it",
+            )
+
+    def _read_inputs(self, wanted: int, duration_s: float) -> None:
+        values = np.empty((max(1, len(self._analog)), wanted))
+        reader = self._reader["clock"].read_many_sample
+        self._read_samples(reader, values, wanted, duration_s, "analogue inputs")
+        for row, name in enumerate(self._analog):
+            full = self._options.range_v
+            if self._signals[name].signal == "mV/V":
+                full = BRIDGE_RANGE * float(self._signals[name].signal_at_nominal or 0.0)
+            values[row, np.abs(values[row]) > BEYOND_RANGE * full] = np.nan
+        self._volts = np.concatenate((self._volts, values[: len(self._analog)]), axis=1)
+
+    def _means(self, stop_sample: int) -> dict[str, Record]:
+        """Return the means of the analogue inputs over the windows that end by a sample."""
+        size = self._samples_a_window
+        first, last = self._windows, stop_sample // size if self._analog else self._windows
+        count = last - first
+        taken, self._volts = self._volts[:, : count * size], self._volts[:, count * size :]
+        means = taken.reshape(len(self._analog), count, size).mean(axis=2)
+        self._windows = last
+        middle = (np.arange(first, last, dtype=np.float64) + 0.5) * size - 0.5
+        time_s = middle / self._options.sample_rate_hz
+        return {
+            name: Record({"time_s": time_s, "signal": means[row]})
+            for row, name in enumerate(self._analog)
+            if name in self._selected
+        }
 
     def _unwrapped(self, side: Side, raw: NDArray[np.uint32]) -> NDArray[np.int64]:
         """Unwrap the 32-bit counter."""
@@ -387,6 +530,22 @@ class DaqmxCounter(LibraryCounter):
         self._tasks.clear()
         if self._channel is not None:
             self._plain.close()
+
+
+def _transducer(description: BenchDescription, channel: str) -> TransducerDescription:
+    """Return the transducer of an analogue channel; raise `InputError` if it gives a frequency."""
+    side: Side = "input" if channel.startswith("input") else "output"
+    module = channel == torque_channel(side)
+    found = (
+        description.module(side).transducer if module else description.calibrator.transducer(side)
+    )
+    if found.signal not in ("V", "mV/V"):
+        raise InputError(
+            Message("{channel} at an analogue input, its signal {signal!r}", channel, found.signal),
+            "signal = 'V' or 'mV/V' at an analogue input, 'frequency' at a counter",
+            "correct the transducer's signal or driver.counter.channels",
+        )
+    return found
 
 
 def _counter(request: InstrumentRequest) -> DaqmxCounter:

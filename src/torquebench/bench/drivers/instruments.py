@@ -25,7 +25,14 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.angles import DriveAngles, with_angles
-from torquebench.bench.drivers.base import Drive, DriveLimits, DriverSet, DriveState, Identity
+from torquebench.bench.drivers.base import (
+    Drive,
+    DriveLimits,
+    DriverSet,
+    DriveState,
+    Identity,
+    Positioned,
+)
 from torquebench.bench.drivers.links import Address, check_drive_order
 from torquebench.bench.drivers.plugins import InstrumentRequest, Role, find_plugin
 from torquebench.bench.drivers.simulated.control import (
@@ -245,7 +252,10 @@ def _open(description: BenchDescription, key: str, section: Mapping[str, Any]) -
             Message("driver.{key}: {found}", key, error.found), error.allowed, error.remedy
         ) from error
     ratio = 1.0 if side is None else description.module(side).drive.gear_ratio
-    return opened if ratio == 1.0 else GearedDrive(opened, ratio, key.replace("_", " "))
+    if ratio == 1.0:
+        return opened
+    geared = _GearedEncoder if isinstance(opened, Positioned) else GearedDrive
+    return geared(opened, ratio, key.replace("_", " "))
 
 
 class _OwnDriveAngles(DriveAngles):
@@ -329,11 +339,15 @@ class GearedDrive:
             speed_rad_s=None if speed is None else speed / ratio,
         )
 
-    def position_counts(self) -> int:
-        """Request the motor's position, in the direction of the shaft."""
-        drive: Any = self.drive
-        return int(math.copysign(1.0, self.ratio)) * int(drive.position_counts())
-
     def close(self) -> None:
         """Release the drive."""
         self.drive.close()
+
+
+class _GearedEncoder(GearedDrive):
+    """A drive behind a gear that states its motor's position."""
+
+    def position_counts(self) -> int:
+        """Request the motor's position, in the direction of the shaft."""
+        assert isinstance(self.drive, Positioned)
+        return int(math.copysign(1.0, self.ratio)) * self.drive.position_counts()
