@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from numbers import Integral
 from typing import ClassVar
 
@@ -40,10 +40,6 @@ more scales all priors, or those of the trend.
 """
 _NEGLIGIBLE = 1e-9  # of full scale: terms are dropped if their coefficients add up to less
 _NEAR, _FAR = np.geomspace(5e-4, 0.03, 8), np.linspace(0.03, 1.0, 40)[1:]
-_ZERO_WEIGHT, _EXACT = 4.0, 1e8
-"""Weight of a zero while structures are weighed: half a point's noise, since it is the error of
-every point of its series; and the factor on it afterwards, as the curve itself begins there.
-"""
 _BLOCK = 256
 """Readings evaluated at once: their columns fit the cache."""
 
@@ -142,12 +138,8 @@ class HybridModel(CompensationModel):
         if shared is not None:
             whitening, scatter = _whitening(shared, weights), 1.0 + float(np.mean(np.diag(shared)))
             weights = np.ones(u.size)
-        if self.zeroed:
-            points, target, weights, whitening = _with_zero(points, target, weights, whitening)
         problem = Problem(points, target / unit, parts, trend_scale, whitening)
         members, shares = average(problem, weights)
-        if self.zeroed:
-            members = [_through_zero(member) for member in members]
         return Average(members, shares, unit, scatter, branches)
 
     def _add_means(self, average: Average) -> None:
@@ -168,6 +160,9 @@ class HybridModel(CompensationModel):
             for (name, shape), beta in terms.items()
             if np.abs(beta).sum() > _NEGLIGIBLE
         ]
+        if self.zeroed:
+            unloaded = self._mean(np.zeros(1), np.zeros(1))
+            self.terms_.append(Term("zero", np.zeros(0), -unloaded))
 
     def _tabulated(self, average: Average) -> CurveUncertainty:
         """Return the uncertainty on both branches, at nodes that are denser around the reversal."""
@@ -235,26 +230,6 @@ def _scales(u: FloatArray, target: FloatArray, weights: FloatArray) -> tuple[flo
     unit = max(1.0, spread / _USUAL_SPREAD)
     size = float(np.sqrt(np.mean(weights * target**2)))
     return unit, max(1.0, size / (unit * _USUAL_SLOPE))
-
-
-def _with_zero(
-    points: Points, target: FloatArray, weights: FloatArray, whitening: FloatArray | None
-) -> tuple[Points, FloatArray, FloatArray, FloatArray | None]:
-    """Add that the torque is 0 at a reading of 0, before any load, to what `Problem` takes."""
-    elapsed = np.append(points.elapsed, 0.0) if points.elapsed.size else points.elapsed
-    u, branch, side = (np.append(v, 0.0) for v in (points.u, points.branch, points.side))
-    if whitening is not None:
-        whitening = np.pad(whitening, (0, 1))
-        whitening[-1, -1] = 1.0
-    weights = np.append(weights, _ZERO_WEIGHT)
-    return Points(u, branch, elapsed, side), np.append(target, 0.0), weights, whitening
-
-
-def _through_zero(member: Member) -> Member:
-    """Return a member whose curve is 0 at its last point, the zero."""
-    weights = member.weighting.weights.copy()
-    weights[-1] *= _EXACT
-    return replace(member, weighting=replace(member.weighting, weights=weights))
 
 
 def _whitening(shared: FloatArray, weights: FloatArray) -> FloatArray:

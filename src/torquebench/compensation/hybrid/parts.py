@@ -22,6 +22,9 @@ Where the parts come from
     rough       local errors of engagement (Matérn 5/2).
     drift       drift of the zero while the chain is calibrated: an error of the calibration, which
                 isn't part of the curve.
+    zero        what the other parts add without torque, taken off where readings count from a
+                zero: a zeroed chain reads 0, and readings further than 5 % of full scale keep
+                the curve that fits the points.
 
 Smooth and rough parts are Gaussian processes, written as sums of sines over an interval that is
 wider than the range (A. Solin, S. Särkkä, Statistics and Computing 30 (2020) 419-446).
@@ -311,6 +314,13 @@ class _Drift(Part):
         return relaxed[:, None], (-rate * slope)[:, None, None]
 
 
+class _Zero(Part):
+    width: ClassVar[float] = 0.02
+
+    def columns(self, points: Points, shape: FloatArray) -> Columns:  # noqa: ARG002
+        return np.exp(-((points.u / self.width) ** 2))[:, None], None
+
+
 _LOOPS = {"loop": _Loop(about(1.5e-4, 1.0)), "lag": _Loop(about(1.2e-4, 1.0), lags=True)}
 
 
@@ -368,7 +378,7 @@ class Term:
     coefficients: FloatArray
 
 
-_PARTS = catalogue(0)
+_PARTS = {**catalogue(0), "zero": _Zero()}
 
 
 def curve(form: FloatArray, terms: Sequence[Term], points: Points) -> FloatArray:
