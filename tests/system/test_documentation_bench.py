@@ -49,7 +49,7 @@ ELSEWHERE = {
 """Commands that end by Ctrl-C only, take minutes or need a server: run there."""
 WITHOUT_END = {"measure": ("--count", "1")}
 """Commands that go on until Ctrl-C, and what ends them."""
-LONG = ("small-torques", "--repeats", "harmonic-20", "dynamics")
+LONG = ("adaptive", "small-torques", "--repeats", "harmonic-20", "dynamics")
 """Long on a bench and run by tests of their own: here a dry run asks every limit and interlock."""
 PLACES = {"/mnt/backup/bench-4": "backup", "FOLDER": "exported", "T40B-1234": "SIM-T2000"}
 

@@ -266,7 +266,8 @@ def fit_models(
             model.fit(columns, points.standard_nm, progress=part)
         part.reach(SHARES)
         told = (f"{words}: {entry.message}" for entry in caught)
-        remarks = (*_remarks(data, kept, examination), *unread, *dict.fromkeys(told))
+        few = () if fitted else _few_points(model, len(points))
+        remarks = (*_remarks(data, kept, examination), *unread, *dict.fromkeys(told), *few)
         seconds = time.perf_counter() - started
         fitted.append(
             FittedModel(
