@@ -5,9 +5,11 @@ interrupted run. Words that stand for a reader's own names are replaced; nothing
 """
 
 import itertools
+import re
 import shutil
 import subprocess
 import sys
+import unicodedata
 from collections.abc import Callable, Iterator
 from importlib import resources
 from pathlib import Path
@@ -229,3 +231,32 @@ def test_every_command_of_a_page_runs(
             assert run(["fit", "data.csv", "--model", "polynomial"], monkeypatch)[0] == 0
         code, told = run(words, monkeypatch)
         assert code in ALLOWED, f"{page}: torquebench {' '.join(words)}\n{told}"
+    assert not unportable(folder)
+
+
+RESERVED = {
+    "con",
+    "prn",
+    "aux",
+    "nul",
+    *(f"{port}{number}" for port in ("com", "lpt") for number in range(1, 10)),
+}
+
+
+def unportable(folder: Path) -> list[str]:
+    """Return files whose names Windows or macOS refuses, changes or takes for another's."""
+    seen: set[str] = set()
+    refused = []
+    for path in sorted(folder.rglob("*")):
+        name, whole = path.name, unicodedata.normalize("NFC", str(path.relative_to(folder)))
+        legal = not re.search(r'[<>:"\\|?*\x00-\x1f]|[. ]$', name) and len(whole) < 150
+        if not legal or name.split(".")[0].lower() in RESERVED or whole.casefold() in seen:
+            refused.append(whole)
+        seen.add(whole.casefold())
+    return refused
+
+
+def test_names_that_other_systems_refuse_are_found(tmp_path: Path) -> None:
+    for name in ("a:b", "nul.txt", "end.", "run", "Run", "free.csv"):
+        (tmp_path / name).touch()
+    assert unportable(tmp_path) == ["a:b", "end.", "nul.txt", "run"]
