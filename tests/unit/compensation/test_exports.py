@@ -259,6 +259,27 @@ def test_onnx_runs_and_agrees(case, probe, tmp_path):
     assert json.loads(metadata["provenance"])["transducer_serial"] == "T-4711"
 
 
+def test_the_onnx_model_follows_the_readings_in_pieces(case, tmp_path):
+    _, table = case
+    path = export_table(tmp_path / "table.onnx", table, _PROVENANCE)
+    session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+    names = [output.name for output in session.get_outputs()]
+    assert ("history_after" in names) == table.curve.branch_aware
+    if not table.curve.branch_aware:
+        return
+    stream = _stream(table)
+    branches = followed_branches(stream, turning_nm(table))
+    history, torque, found = {}, [], []
+    for part in np.split(stream, [1, 7, 200]):
+        given = {"reading_nm": part, "branch": np.full(part.size, 2)}
+        answer = dict(zip(names, session.run(None, {**given, **history}), strict=True))
+        history = {"history": answer["history_after"]}
+        torque.extend(answer["torque_nm"])
+        found.extend(answer["branch_followed"])
+    np.testing.assert_array_equal(found, branches)
+    np.testing.assert_allclose(torque, table.torque(stream, branches), atol=1e-6)
+
+
 def test_same_table_gives_the_same_bytes(case, tmp_path):
     for ending in ("csv", "h", "onnx", "st"):
         first = export_table(tmp_path / f"a.{ending}", case[1], _PROVENANCE).read_bytes()
