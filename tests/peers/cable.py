@@ -12,10 +12,12 @@ from tests.peers.faults import Faults
 class Cable(Faults):
     """Passes on what is sent to `address`; it misbehaves in the device's direction of sending."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(
+        self, port: int, host: str = "127.0.0.1", at: tuple[str, int] = ("127.0.0.1", 0)
+    ) -> None:
         super().__init__()
-        self._port = port
-        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._device = host, port
+        self._listener = socket.create_server(at)
         self.port = self._listener.getsockname()[1]
         self.address = f"opc.tcp://127.0.0.1:{self.port}"
         self._ends: list[socket.socket] = []
@@ -59,7 +61,7 @@ class Cable(Faults):
                 if self.fault("disconnect") is not None:
                     client.close()
                     continue
-                device = socket.create_connection(("127.0.0.1", self._port))
+                device = socket.create_connection(self._device)
                 self._ends += [client, device]
                 for source, target in ((client, device), (device, client)):
                     thread = threading.Thread(

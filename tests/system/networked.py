@@ -29,11 +29,22 @@ PATIENT_S = {
     "hbm": 20.0,
     "serial": 20.0,
     "opcua": 20.0,
+    "ads": 20.0,
+    "s7": 20.0,
 }
 PATIENT_DRIVE_S = 4.9
 """How long answers may take: a busy computer may stand for seconds. A drive's second try has to
 come before its watchdog, whose time is the longest that there is."""
-HASTY_S = {"modbus": 0.8, "scpi": 0.8, "nidaqmx": 0.6, "hbm": 0.4, "serial": 0.4, "opcua": 0.4}
+HASTY_S = {
+    "modbus": 0.8,
+    "scpi": 0.8,
+    "nidaqmx": 0.6,
+    "hbm": 0.4,
+    "serial": 0.4,
+    "opcua": 0.4,
+    "ads": 0.4,
+    "s7": 0.4,
+}
 HASTY_DRIVE_S = 0.3
 HASTY_COUNTER_S = 2.5
 """The same where a test waits for answers that don't come; a counter is asked only once."""

@@ -12,6 +12,7 @@ from tests.peers.cable import Cable
 from tests.peers.displays import DisplayPeer
 from tests.peers.hbm_amplifiers import HbmPeer
 from tests.peers.opcua_plc import PlcPeer
+from tests.peers.plc import AdsPlc, S7Plc
 from tests.system.networked import WATCHDOG_S, daqmx, described, hasty, modbus
 
 from torquebench.bench.description import BenchDescription
@@ -130,11 +131,28 @@ def _peers() -> Iterator[dict[str, PeerSide]]:
             counter=keys | {"channels": channels, "serial": named},
             temperature=keys | {"probes": dict.fromkeys(shown.temperatures, "ns=2;s=A")},
         ).model_copy(update={"counter": shown.counter})
-        yield {
+        benches = {
             "hbm": PeerSide(hbm, pmx),
             "display": PeerSide(shown, display),
             "opcua": PeerSide(by_plc, cable),
         }
+        with AdsPlc({"fA": lambda: 10.0}) as ads, S7Plc({"fA": lambda: 10.0}) as s7:
+            yield benches | {"ads": _plc(ads, shown), "s7": _plc(s7, shown)}
+
+
+def _plc(plc: AdsPlc | S7Plc, like: BenchDescription) -> PeerSide:
+    """Describe a bench whose PLC is every instrument."""
+    life = {} if isinstance(plc, AdsPlc) else {"life": plc.variable("Cycles")}
+    channels = dict.fromkeys(("input_torque", "output_torque"), plc.variable("fA"))
+    probes = dict.fromkeys(like.temperatures, plc.variable("fA"))
+    named = {"serial": like.serials["output.drive"], "structure": plc.structure("Output")}
+    bench = described(
+        counter=plc.section(channels=channels, serial=like.counter.serial, **life),
+        temperature=plc.section(probes=probes, **life),
+        output_drive=plc.section(**named),
+        modes=plc.section(structure=plc.structure("Fixture")),
+    )
+    return PeerSide(bench.model_copy(update={"counter": like.counter}), plc)
 
 
 CASES = [
@@ -234,6 +252,42 @@ CASES = [
         read=lambda i: i.temperatures(),
         right=lambda t: set(t.values()) == {10.0},
         quiet=True,
+    ),
+    *(
+        case
+        for plc in ("ads", "s7")
+        for case in (
+            Case(
+                f"{plc}-drive",
+                "output_drive",
+                variant=plc,
+                read=lambda i: i.state(),
+                right=lambda s: not s.enabled,
+            ),
+            Case(
+                f"{plc}-counter",
+                "counter",
+                variant=plc,
+                read=_read_windows,
+                right=_has_values,
+                lossy=True,
+            ),
+        )
+    ),
+    Case(
+        "ads-temperature",
+        "temperature",
+        variant="ads",
+        read=lambda i: i.temperatures(),
+        right=lambda t: set(t.values()) == {10.0},
+        quiet=True,
+    ),
+    Case(
+        "s7-modes",
+        "modes",
+        variant="s7",
+        read=lambda i: i.mode("input"),
+        right=lambda m: m == "free",
     ),
 ]
 

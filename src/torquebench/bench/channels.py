@@ -47,6 +47,9 @@ NOISY = 10.0
 """Noise of a signal, in standard uncertainties of its counter, that is never constant by chance: 25
 values spread over less than a standard deviation once in 10⁹ times.
 """
+MOVING_SPREAD = 8.0
+"""Spread of the learned values, in standard deviations of their noise, of a torque that changes:
+that of noise alone is 4."""
 CURVATURE_OF_NOISE = 0.6745 * math.sqrt(6.0)
 """Median of the second differences of white noise, in standard deviations of the noise."""
 LARGEST_ZERO = 0.04
@@ -288,7 +291,8 @@ class _StuckCheck:
         resolution = steps[steps > 0.0].min(initial=math.inf)
         noise = np.median(np.abs(np.diff(self._learned, 2))) / CURVATURE_OF_NOISE
         self._noisy = bool(noise > NOISY * max(u, resolution / math.sqrt(12.0)))
-        self._learned = None
+        ramps = self._noisy and bool(np.ptp(self._learned) > MOVING_SPREAD * noise)
+        self._noisy, self._learned = self._noisy and not ramps, [] if ramps else None
 
     def _moves(self, partner: Channel | None, until_s: float) -> bool:
         """Return whether the partner's torque has changed while this channel was constant."""

@@ -67,6 +67,15 @@ def test_a_read_out_of_few_digits_at_constant_torque_is_not_stuck() -> None:
     assert not any(is_stuck(coarse.push(stated(block, 123.4))) for block in range(400))
 
 
+def test_a_ramp_in_slices_at_the_beginning_is_not_taken_for_noise() -> None:
+    draw, quiet = np.random.default_rng(3), channel("output_torque", states=True)
+    for block in range(100):
+        steps = (5 * block + np.arange(5)) // 2  # commanded slice by slice
+        last_digit = 1e-3 * draw.integers(0, 2, 5) * (block < 4)
+        signal = np.minimum(2000.0, 150.0 * steps) + last_digit
+        assert not is_stuck(quiet.push(stated(block, signal))), block
+
+
 @pytest.mark.parametrize("by", ["counter", "read-out"])
 def test_an_output_that_loses_its_noise_is_stuck_until_it_lives_again(by: str) -> None:
     draw, live = np.random.default_rng(2), channel("output_torque", states=by == "read-out")

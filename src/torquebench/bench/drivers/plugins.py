@@ -46,6 +46,8 @@ _BUILT_IN = {
     "nidaqmx": "torquebench.bench.drivers.daqmx",
     "opendaq": "torquebench.bench.drivers.open_daq",
     "opcua": "torquebench.bench.drivers.opcua",
+    "ads": "torquebench.bench.drivers.ads",
+    "s7": "torquebench.bench.drivers.s7",
     "hbm": "torquebench.bench.drivers.hbm",
     "serial": "torquebench.bench.drivers.serial_readout",
 }
@@ -113,7 +115,7 @@ def protocols() -> dict[str, Callable[[], DriverPlugin]]:
     Examples
     --------
     >>> sorted(protocols())[:3]
-    ['canopen', 'hbm', 'modbus']
+    ['ads', 'canopen', 'hbm']
     """
     found: dict[str, Callable[[], DriverPlugin]] = {}
     for point in entry_points(DRIVERS):

@@ -24,6 +24,8 @@ __all__ = ["Finding", "clock", "drives", "instruments", "signals"]
 
 SETTLING_S = 0.3
 STANDARD_S = 1.0
+FEWEST_READS = 10
+"""So many answers tell the clock of a standard's read-out."""
 WATCHDOG_MARGIN_S = 0.5
 ZERO_TOLERANCE = 0.1
 """Largest deviation of an unloaded signal from its nominal zero, as a share of its span.
@@ -341,7 +343,7 @@ def _readout(station: Station) -> Iterator[Finding]:
         try:
             read = []
             # the estimate of its clock improves with repeated answers
-            for _ in range(round(STANDARD_S / block_s)):
+            for _ in range(max(FEWEST_READS, round(STANDARD_S / block_s))):
                 station.clock.wait(block_s)
                 now_s = station.clock.now()
                 read.append(reference.read(side, now_s, now_s)["signal"])

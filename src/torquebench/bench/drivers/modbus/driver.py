@@ -11,6 +11,12 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from torquebench.bench.drivers.base import DriveLimits, DriveState, Identity, Side
+from torquebench.bench.drivers.fixture import (
+    FixtureClamp,
+    FixtureModes,
+    FixtureRail,
+    FixtureSupply,
+)
 from torquebench.bench.drivers.links import SwitchingTime, check_drive_order, drive_timeout
 from torquebench.bench.drivers.modbus import register_map
 from torquebench.bench.drivers.modbus.device_map import device_map
@@ -19,11 +25,8 @@ from torquebench.bench.drivers.modbus.modules import (
     AnglesOptions,
     DigitalOptions,
     ModbusAngles,
-    ModbusClamp,
-    ModbusModes,
-    ModbusRail,
+    ModbusFixture,
     ModbusReadout,
-    ModbusSupply,
     ModbusTemperature,
     TemperatureOptions,
 )
@@ -153,7 +156,7 @@ class ModbusDrive:
         status = words[DriveReport.STATUS]
         fault = ""
         if status & DriveStatus.WATCHDOG:
-            fault = Message("watchdog not fed for {watchdog_ms:g} s", self._watchdog_ms / MS_PER_S)
+            fault = Message("watchdog not fed for {watchdog_s:g} s", self._watchdog_ms / MS_PER_S)
         elif status & DriveStatus.FAULT:
             fault = Message("fault code {words}", words[DriveReport.FAULT])
         torque = register_map.float_of(words[DriveReport.TORQUE : DriveReport.TORQUE + 2])
@@ -213,15 +216,16 @@ def _readout(request: InstrumentRequest) -> ModbusReadout:
     return ModbusReadout(_link(request, request.read(ModbusOptions)))
 
 
-Digital = TypeVar("Digital", ModbusModes, ModbusClamp, ModbusRail, ModbusSupply)
+Part = TypeVar("Part", FixtureModes, FixtureClamp, FixtureRail, FixtureSupply)
 
 
-def _digital(kind: type[Digital]) -> Callable[[InstrumentRequest], Digital]:
+def _digital(kind: type[Part]) -> Callable[[InstrumentRequest], Part]:
     """Return the function that opens a module with coils and contacts."""
 
-    def opened(request: InstrumentRequest) -> Digital:
+    def opened(request: InstrumentRequest) -> Part:
         options: DigitalOptions = request.read(DigitalOptions)
-        return kind(_link(request, options), options, device_map(options, request.section))
+        device = device_map(options, request.section)
+        return kind(ModbusFixture(_link(request, options), options, device), options.travel_s)
 
     return opened
 
@@ -238,10 +242,10 @@ PLUGIN = DriverPlugin(
         "drive": _drive,
         "temperature": _temperature,
         "reference": _readout,
-        "modes": _digital(ModbusModes),
-        "clamp": _digital(ModbusClamp),
-        "rail": _digital(ModbusRail),
-        "supply": _digital(ModbusSupply),
+        "modes": _digital(FixtureModes),
+        "clamp": _digital(FixtureClamp),
+        "rail": _digital(FixtureRail),
+        "supply": _digital(FixtureSupply),
         "angles": _angles,
     },
 )

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, ClassVar, Literal, cast
 
 import numpy as np
 from pydantic import Field
 
 from torquebench.bench.drivers.angles import unwrapped
-from torquebench.bench.drivers.base import Identity, Mode, RailPosition, Side
+from torquebench.bench.drivers.base import Identity, Side
 from torquebench.bench.drivers.modbus import register_map
 from torquebench.bench.drivers.modbus.device_map import DeviceMap, MappedOptions, ValueMap
 from torquebench.bench.drivers.modbus.link import ModbusLink, ModbusOptions
@@ -26,22 +26,17 @@ __all__ = [
     "AnglesOptions",
     "DigitalOptions",
     "ModbusAngles",
-    "ModbusClamp",
-    "ModbusModes",
-    "ModbusRail",
+    "ModbusFixture",
     "ModbusReadout",
-    "ModbusSupply",
     "ModbusTemperature",
     "TemperatureOptions",
 ]
-
-POLL_S = 0.05
 
 
 class _Module:
     """An instrument with a Modbus link of its own, by its role in the bench."""
 
-    ROLE: ClassVar[str]
+    ROLE: ClassVar[str] = ""
 
     def __init__(self, link: ModbusLink) -> None:
         self._link = link
@@ -70,12 +65,12 @@ class _Mapped(_Module):
         self._map = device
         self._serial = options.serial
 
-    def identity(self) -> Identity:
+    def identity(self, role: str = "") -> Identity:
         """Read its name plate; without one, return the identity in map and description."""
         if self._map.name_plate:
-            return super().identity()
+            return self._link.identity(role or self.ROLE)
         return Identity(
-            self.ROLE,
+            role or self.ROLE,
             self._map.manufacturer or "unknown",
             self._map.model or "unknown",
             self._serial or "unknown",
@@ -282,16 +277,16 @@ class DigitalOptions(MappedOptions):
     travel_s: Annotated[float, Field(gt=0.0, le=120.0, description="s")] = 10.0
 
 
-class _Digital(_Mapped):
+class ModbusFixture(_Mapped):
     """A module with coils and contacts."""
 
     def __init__(self, link: ModbusLink, options: DigitalOptions, device: DeviceMap) -> None:
         super().__init__(link, options, device)
-        self._travel_s = options.travel_s
+        self.name = link.name
         self._coils, self._contacts = options.coils, options.contacts
         self._inverted = frozenset(options.inverted)
 
-    def _made(self, *contacts: Contact) -> list[bool]:
+    def made(self, *contacts: Contact) -> list[bool]:
         """Return which contacts are closed; adjacent contacts are read with one request."""
         bits = self._map.contacts
         read = self._link.coils if bits.function == "coils" else self._link.contacts
@@ -306,7 +301,7 @@ class _Digital(_Mapped):
             found = [read(place, 1)[0] for place in places]
         return [bit != (name in self._inverted) for bit, name in zip(found, names, strict=True)]
 
-    def _switch(self, values: Mapping[Coil, bool]) -> None:
+    def switch(self, values: Mapping[Coil, bool]) -> None:
         """Set coils, adjacent ones together; coils to be cleared first."""
         first = self._map.coils.first
         places = {
@@ -319,154 +314,6 @@ class _Digital(_Mapped):
             return
         for place in sorted(ordered, key=lambda place: places[place]):
             self._link.switch(place, [places[place]])
-
-
-_CONTACTS: tuple[Mode, ...] = ("free", "driven", "locked")
-_SIDE_COILS: Mapping[Side, tuple[Coil, Coil]] = {
-    "input": (Coil.INPUT_DRIVEN, Coil.INPUT_LOCKED),
-    "output": (Coil.OUTPUT_DRIVEN, Coil.OUTPUT_LOCKED),
-}
-_SIDE_CONTACTS: Mapping[Side, tuple[Contact, Contact, Contact]] = {
-    "input": (Contact.INPUT_FREE, Contact.INPUT_DRIVEN, Contact.INPUT_LOCKED),
-    "output": (Contact.OUTPUT_FREE, Contact.OUTPUT_DRIVEN, Contact.OUTPUT_LOCKED),
-}
-
-
-class ModbusModes(_Digital):
-    """The test-mode conversion: coils command a mode, discrete inputs report the reached mode."""
-
-    ROLE = "modes"
-
-    def set_mode(self, side: Side, mode: Mode) -> None:
-        """Change the mode of one side, and return when it is reached.
-
-        Raises
-        ------
-        BenchError
-            The state isn't reached in time.
-        """
-        driven, locked = _SIDE_COILS[side]
-        self._switch({driven: mode == "driven", locked: mode == "locked"})
-        _await(
-            lambda: self._reached(side) == [mode],
-            self._travel_s,
-            Message(
-                "{name}: {side} side hasn't reached mode {mode!r}", self._link.name, side, mode
-            ),
-        )
-
-    def mode(self, side: Side) -> Mode:
-        """Request the present mode of one side.
-
-        Raises
-        ------
-        BenchError
-            Its contacts report no mode or several modes.
-        """
-        reached = self._reached(side)
-        if len(reached) != 1:
-            raise BenchError(
-                Message(
-                    "{name}: {side} side is {reached}",
-                    self._link.name,
-                    side,
-                    " and ".join(reached) or "in no mode",
-                ),
-                "exactly one of free, driven, locked",
-                "check the conversion's position contacts",
-            )
-        return reached[0]
-
-    def _reached(self, side: Side) -> list[Mode]:
-        made = self._made(*_SIDE_CONTACTS[side])
-        return [mode for mode, contact in zip(_CONTACTS, made, strict=True) if contact]
-
-
-class ModbusClamp(_Digital):
-    """The hydraulic clamp: one coil, three contacts."""
-
-    ROLE = "clamp"
-
-    def set_clamped(self, clamped: bool) -> None:
-        """Close or open the clamp and return when that is reached; else raise `BenchError`."""
-        self._switch({Coil.CLAMP: clamped})
-        word = "closed" if clamped else "open"
-        _await(
-            lambda: self.clamped() == clamped,
-            self._travel_s,
-            Message("{name} isn't {word}", self._link.name, word),
-        )
-
-    def clamped(self) -> bool:
-        """Return whether the clamp is closed and under pressure.
-
-        Raises
-        ------
-        BenchError
-            Its contacts report open and closed at the same time.
-        """
-        closed, pressure, opened = self._made(
-            Contact.CLAMP_CLOSED, Contact.CLAMP_PRESSURE, Contact.CLAMP_OPEN
-        )
-        if closed and opened:
-            raise BenchError(
-                Message("{name} is open and closed", self._link.name),
-                "one of them",
-                "check its contacts",
-            )
-        return closed and pressure
-
-
-class ModbusRail(_Digital):
-    """The guide rail of the input module: one coil, a contact at each end."""
-
-    ROLE = "guide_rail"
-
-    def move(self, position: RailPosition) -> None:
-        """Move to "end" or "away" and return when it is there; else raise `BenchError`."""
-        self._switch({Coil.RAIL: position == "end"})
-        _await(
-            lambda: self.position() == position,
-            self._travel_s,
-            Message("{name} isn't at its position {position!r}", self._link.name, position),
-        )
-
-    def position(self) -> RailPosition:
-        """Request the rail's position.
-
-        Raises
-        ------
-        BenchError
-            Its contacts report both end positions at the same time.
-        """
-        at_end, away = self._made(Contact.RAIL_END, Contact.RAIL_AWAY)
-        if at_end and away:
-            raise BenchError(
-                Message("{name} is at both ends", self._link.name),
-                "one of them",
-                "check its contacts",
-            )
-        return "end" if at_end else "away" if away else "between"
-
-
-class ModbusSupply(_Digital):
-    """The drives' power supply: one contact."""
-
-    ROLE = "power_supply"
-
-    def supplies(self) -> bool:
-        """Return whether the supply is on."""
-        return self._made(Contact.SUPPLY_ON)[0]
-
-
-def _await(reached: Callable[[], bool], within_s: float, failure: str) -> None:
-    deadline = time.monotonic() + within_s
-    while not reached():
-        if time.monotonic() > deadline:
-            raise BenchError(
-                failure, Message("within {within_s:g} s", within_s), "check pressure and contacts"
-            )
-        time.sleep(POLL_S)
 
 
 class AnglesOptions(ModbusOptions):

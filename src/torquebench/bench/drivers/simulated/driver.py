@@ -314,7 +314,7 @@ class SimulatedBench:
             expired = unfed_s >= drive.watchdog_s - 1e-9
             if axes.enabled and expired and not drive.unguarded():
                 self._note(side, "watchdog")
-                axes.fault = Message("watchdog not fed for {watchdog_ms:g} s", drive.watchdog_s)
+                axes.fault = Message("watchdog not fed for {watchdog_s:g} s", drive.watchdog_s)
                 self._set_enabled(side, False)
 
     def _watched_s(self, now_s: float) -> float:

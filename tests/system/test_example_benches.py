@@ -1,0 +1,162 @@
+"""The benches of examples/benches against peers: doctor, whole calibrations, cable and process."""
+
+import math
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, Literal
+
+import pytest
+from tests.peers.hbm_amplifiers import HbmPeer
+from tests.peers.plc import AdsPlc, S7Plc
+from tests.system.command_line import environment, wait_until
+from tests.system.networked import WATCHDOG_S, waiting
+from tests.system.panel_api import SLOW
+from tests.system.peer_bench import GAIN, NOISE_SHARE, RANGE_NM, ZERO_SHARE, stated, toml
+
+pytestmark = SLOW
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "benches"
+Example = Literal["beckhoff", "siemens"]
+BENCHES = ("beckhoff", "siemens")
+DRIVE_S, ANSWER_S = 4.9, {"ads": 2.0, "s7": 2.0, "hbm": 1.0}
+
+
+@contextmanager
+def example(kind: Example, folder: Path) -> Iterator[tuple[Any, Path]]:
+    """Start the peers of an example; yield its PLC and the example with the peers' addresses."""
+    values = tomllib.loads((EXAMPLES / f"{kind}.toml").read_text(encoding="utf-8"))
+    noise = random.Random(20261128)
+    plc: Any = None
+
+    def standard_nm(side: str) -> float:
+        return float(plc.torque_nm(side)) + noise.gauss(0.0, NOISE_SHARE) * RANGE_NM[side]
+
+    def module_nm(side: str) -> float:
+        return GAIN * standard_nm(side) + ZERO_SHARE * RANGE_NM[side]
+
+    def temperature_c() -> float:
+        return 23.0
+
+    probes = {
+        "fAmbient": temperature_c,
+        "fInputProbe": temperature_c,
+        "fOutputProbe": temperature_c,
+    }
+    with ExitStack() as peers:
+        if kind == "beckhoff":
+            torques = {
+                **{
+                    f"f{s.capitalize()}Torque": lambda s=s: 10 * module_nm(s) / RANGE_NM[s]
+                    for s in RANGE_NM
+                },
+                **{f"f{s.capitalize()}Reference": lambda s=s: standard_nm(s) for s in RANGE_NM},
+            }
+            plc = AdsPlc(probes | torques)
+        else:
+            plc = S7Plc(probes)
+            full = {s: values[s]["transducer"]["signal_at_nominal"] for s in RANGE_NM}
+            channels = {
+                1: stated(lambda: module_nm("input") * full["input"] / RANGE_NM["input"]),
+                2: stated(lambda: module_nm("output") * full["output"] / RANGE_NM["output"]),
+                3: stated(lambda: standard_nm("input")),
+                4: stated(lambda: standard_nm("output")),
+            }
+            pmx = peers.enter_context(HbmPeer("PMX", channels, False))
+        peers.enter_context(plc)
+        for key, section in values["driver"].items():
+            if section["protocol"] == "hbm":
+                section["address"] = pmx.address
+            elif section["protocol"] != "drives":
+                section |= {k: v for k, v in plc.section().items() if k in section}
+            section |= waiting(key, section, DRIVE_S, ANSWER_S)  # time for a busy computer
+        for side in RANGE_NM:
+            values[side]["drive"]["watchdog_s"] = WATCHDOG_S
+        values["safety"] |= {"signal_loss_s": 2.0, "stall_s": 10.0}
+        values["counter"]["block_s"] = 0.2
+        yield plc, toml(values, folder / "bench.toml")
+
+
+def command(*words: str, bench: Path) -> list[str]:
+    options = ["--bench", str(bench), "--data", str(bench.parent / "data")]
+    return [sys.executable, "-m", "torquebench", *words, *options]
+
+
+@contextmanager
+def calibrating(kind: Example, folder: Path) -> Iterator[tuple[Any, Any]]:
+    with example(kind, folder) as (plc, bench):
+        words = ("calibrate", "input", "--yes", "--step", "25", "--repeats", "1")
+        with subprocess.Popen(
+            command(*words, bench=bench),
+            env=environment(),
+            cwd=folder,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        ) as process:
+            try:
+                yield plc, process
+            finally:
+                process.kill()
+
+
+@pytest.mark.parametrize("kind", BENCHES)
+def test_the_doctor_finds_the_example_ready(kind: Example, tmp_path: Path) -> None:
+    with example(kind, tmp_path) as (_, bench):
+        done = subprocess.run(
+            command("doctor", bench=bench),
+            env=environment(),
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=240.0,
+        )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "Ready." in done.stdout
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("kind", BENCHES)
+def test_the_input_module_is_calibrated(kind: Example, tmp_path: Path) -> None:
+    with calibrating(kind, tmp_path) as (_, process):
+        said, _ = process.communicate(timeout=600.0)
+        assert process.returncode == 0, said
+    raw = float(re.findall(r"raw reading\s+[\d.]+\s+[\d.]+\s+([\d.]+)", said)[0])
+    assert raw == pytest.approx(100.0 * (GAIN - 1.0), rel=0.1)  # % FS
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("kind", BENCHES)
+def test_a_plc_whose_cable_is_pulled_stops_the_load_by_its_own_watchdog(
+    kind: Example, tmp_path: Path
+) -> None:
+    with calibrating(kind, tmp_path) as (plc, process):
+        wait_until(lambda: plc.torque_nm("input") > 20.0, "a load")
+        plc.start("", "disconnect", duration_s=600.0)
+        motor = plc.program.motors["Input"]
+        with motor.lock:
+            motor.starve(WATCHDOG_S)
+        wait_until(lambda: plc.torque_nm("input") == 0.0, "the program's watchdog")
+        said, _ = process.communicate(timeout=300.0)
+    assert process.returncode == 1, said
+    assert motor.tripped
+    assert not math.isnan(motor.largest_torque)
+
+
+@pytest.mark.nightly
+def test_a_killed_process_leaves_the_load_to_the_plc(tmp_path: Path) -> None:
+    with calibrating("beckhoff", tmp_path) as (plc, process):
+        wait_until(lambda: plc.torque_nm("input") > 20.0, "a load")
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+        began = time.monotonic()
+        motor = plc.program.motors["Input"]
+        wait_until(lambda: motor.tripped, "the program's watchdog")
+        assert time.monotonic() - began < WATCHDOG_S + 5.0

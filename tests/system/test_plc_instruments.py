@@ -1,0 +1,157 @@
+"""Instruments of PLCs by ADS and S7 against the servers of pyads and python-snap7."""
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.peers.plc import AdsPlc, S7Plc
+from tests.system.networked import described
+
+from torquebench.bench.drivers.base import Drive, Positioned
+from torquebench.bench.drivers.instruments import open_role
+from torquebench.errors import BenchError, InputError, LimitError
+
+Plc = AdsPlc | S7Plc
+TORQUE = {"input": 12.5, "output": -250.0}
+
+
+@pytest.fixture(params=[AdsPlc, S7Plc], ids=["ADS", "S7"])
+def plc(request: pytest.FixtureRequest) -> Iterator[Plc]:
+    values = {"fInput": lambda: TORQUE["input"], "fOutput": lambda: TORQUE["output"]}
+    with request.param(values) as running:
+        yield running
+
+
+def opened(plc: Plc, key: str, **keys: Any) -> Any:
+    return open_role(described(**{key: plc.section(timeout_s=2.0, **keys)}), key)
+
+
+def drive_of(plc: Plc, side: str = "input", **keys: Any) -> Any:
+    return opened(plc, f"{side}_drive", structure=plc.structure(side.capitalize()), **keys)
+
+
+@pytest.fixture
+def drive(plc: Plc) -> Iterator[Drive]:
+    found = drive_of(plc)
+    yield found
+    found.close()
+
+
+def fed(drive: Drive, duration_s: float) -> None:
+    until = time.monotonic() + duration_s
+    while time.monotonic() < until:
+        drive.feed_watchdog()
+        time.sleep(0.02)
+
+
+def test_a_drive_ramps_to_torque_and_speed_and_to_zero_by_itself(plc: Plc, drive: Drive) -> None:
+    drive.enable()
+    drive.command_torque(20.0, 100.0)
+    fed(drive, 0.3)
+    assert drive.state().torque_nm == pytest.approx(20.0)
+    drive.command_speed(-1.5, 5.0)
+    fed(drive, 0.4)
+    assert drive.state().speed_rad_s == pytest.approx(-1.5)
+    drive.ramp_to_zero(0.1)
+    fed(drive, 0.2)
+    assert drive.state().torque_nm == drive.state().speed_rad_s == 0.0
+    assert isinstance(drive, Positioned)
+    assert drive.position_counts() == 4711
+    drive.disable()
+    assert not drive.state().enabled
+    assert not plc.program.motors["Input"].on
+
+
+def test_a_drive_that_is_off_or_beyond_its_limits_refuses(drive: Drive) -> None:
+    with pytest.raises(BenchError, match="refuses 1 with 100"):
+        drive.command_torque(1.0, 100.0)
+    drive.enable()
+    with pytest.raises(LimitError, match="own limit"):
+        drive.command_torque(61.0, 100.0)
+    drive.disable()
+
+
+def test_an_unfed_drive_stops_by_itself_and_says_so(plc: Plc, drive: Drive) -> None:
+    drive.enable()
+    drive.command_torque(5.0, 100.0)
+    motor = plc.program.motors["Input"]
+    with motor.lock:
+        motor.starve(motor.watchdog_s)
+    time.sleep(0.05)
+    state = drive.state()
+    assert not state.enabled
+    assert "watchdog not fed" in state.fault
+    drive.enable()
+    assert drive.state().enabled
+    assert drive.state().fault == ""
+
+
+def test_a_program_that_stands_is_an_error_of_the_drive_and_no_value_of_the_torque(
+    plc: Plc,
+) -> None:
+    channels = {f"{side}_torque": plc.variable(f"f{side.capitalize()}") for side in TORQUE}
+    keys = {"life": plc.variable("Cycles")} if isinstance(plc, S7Plc) else {}
+    drive = opened(plc, "input_drive", structure=plc.structure("Input"))
+    counter = opened(plc, "counter", channels=channels, **keys)
+    try:
+        values = values_of(counter)
+        assert values == {TORQUE["input"]}
+        plc.program.running = False
+        values_of(counter)  # until the counter of cycles has stood for long enough
+        assert values_of(counter) == set()
+        drive.feed_watchdog()
+        time.sleep(2.3)
+        with pytest.raises(BenchError, match="doesn't follow"):
+            drive.state()
+    finally:
+        counter.close()
+        drive.close()
+
+
+def values_of(counter: Any) -> set[float]:
+    read: set[float] = set()
+    for _ in range(8):
+        stated = counter.read_block(0.05).records["input_torque"]["signal"]
+        read |= set(stated[~np.isnan(stated)].tolist())
+    return read
+
+
+def test_modes_and_clamp_go_where_they_are_sent(plc: Plc) -> None:
+    modes = opened(plc, "modes", structure=plc.structure("Fixture"))
+    clamp = opened(plc, "clamp", structure=plc.structure("Fixture"))
+    try:
+        modes.set_mode("output", "locked")
+        assert (modes.mode("input"), modes.mode("output")) == ("free", "locked")
+        clamp.set_clamped(True)
+        assert clamp.clamped()
+        assert modes.mode("output") == "locked"
+        clamp.set_clamped(False)
+        assert not clamp.clamped()
+    finally:
+        modes.close()
+        clamp.close()
+
+
+def test_a_variable_that_the_plc_does_not_have_is_named() -> None:
+    channels = dict.fromkeys(("input_torque", "output_torque"), "GVL.fNone")
+    with AdsPlc({}) as plc, pytest.raises(BenchError, match=r"has no variable .*GVL\.fNone"):
+        opened(plc, "counter", channels=channels)
+
+
+def test_a_block_that_is_none_is_refused() -> None:
+    with S7Plc({}) as plc, pytest.raises(InputError, match=r"structure = 'GVL'.*DB10"):
+        opened(plc, "input_drive", structure="GVL")
+
+
+def test_a_cable_that_is_pulled_is_an_error_with_the_address_and_mends(plc: Plc) -> None:
+    drive = opened(plc, "input_drive", structure=plc.structure("Input"))
+    try:
+        plc.start("input_drive", "disconnect", duration_s=60.0)
+        with pytest.raises(BenchError, match=plc.address):
+            drive.state()
+        plc.heal()
+        assert not drive.state().enabled
+    finally:
+        drive.close()
