@@ -1,6 +1,7 @@
 """A CiA 402 drive on a bus that socketcand shares, over bare sockets."""
 
 import contextlib
+import math
 import socket
 import struct
 import threading
@@ -46,6 +47,8 @@ class Cia402Peer:
         self._segments = b""
         self.position = 0
         self.largest_permille = LARGEST_PERMILLE
+        self.modes = 0x0C  # profile velocity and profile torque
+        self.torques: list[int] = []
         self.bits = 0x210  # voltage enabled, remote
         self.missing: set[tuple[int, int]] = set()
         self.not_yet = 0  # so many writings are refused in this state
@@ -163,6 +166,7 @@ class Cia402Peer:
             0x6072: struct.pack("<H", self.largest_permille),
             0x6074: struct.pack("<h", torque),
             0x6076: struct.pack("<I", RATED_MNM),
+            0x6502: struct.pack("<I", self.modes),
             0x6077: struct.pack("<h", torque),
             0x6080: struct.pack("<I", LARGEST_RPM),
             0x6064: struct.pack("<i", self.position),
@@ -185,7 +189,7 @@ class Cia402Peer:
         if struct.calcsize(layout) != len(data):
             raise _Abort(0x06070010)
         (value,) = struct.unpack(layout, data)
-        if index == 0x6060 and value not in (3, 4):
+        if index == 0x6060 and not self.modes >> value - 1 & 1:
             raise _Abort(0x06090030)
         if index == 0x6071 and abs(value) > LARGEST_PERMILLE:
             raise _Abort(0x06090031 if value > 0 else 0x06090032)
@@ -241,8 +245,13 @@ class Cia402Peer:
         """Go to the target of the present mode."""
         if self._state != "operation enabled":
             return
-        if self._stored[0x6060, 0] == 4:
-            nm = RATED_MNM / 1e6
+        nm = RATED_MNM / 1e6
+        if self._stored[0x6060, 0] == 10:  # a cyclic mode follows at once
+            self.torques.append(self._stored[0x6071, 0])
+            self.motor.torque.go(self._stored[0x6071, 0] * nm, math.inf)
+        elif self._stored[0x6060, 0] == 9:
+            self.motor.speed.go(self._stored[0x60FF, 0] * RPM / 1e3, math.inf)
+        elif self._stored[0x6060, 0] == 4:
             self.motor.torque.go(self._stored[0x6071, 0] * nm, self._stored[0x6087, 0] * nm)
         else:
             present, target = self.motor.speed.present, self._stored[0x60FF, 0] * RPM / 1e3

@@ -1,7 +1,7 @@
-"""A CiA 402 servo drive over CANopen (`canopen`): profile torque and profile velocity.
+"""A CiA 402 servo drive over CANopen (`canopen`): profile or cyclic torque and velocity.
 
-The drive executes its ramps and monitors this computer's heartbeat by itself. `cia402.eds` lists
-all objects in use.
+The drive executes its ramps (in the cyclic modes, which know none, this computer steps them) and
+monitors this computer's heartbeat by itself. `cia402.eds` lists all objects in use.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from torquebench.bench.drivers.plugins import (
     Options,
     require_library,
 )
+from torquebench.bench.drivers.stepping import Stepper
 from torquebench.errors import BenchError
 from torquebench.message import Message
 from torquebench.units import MS_PER_S, RPM_PER_RAD_S
@@ -48,7 +49,9 @@ ACCELERATION, DECELERATION, QUICK_STOP_DECELERATION = 0x6083, 0x6084, 0x6085
 ABORT_OPTION, HEARTBEAT_CONSUMER, IDENTITY = 0x6007, 0x1016, 0x1018
 DEVICE_NAME, QUICK_STOP_OPTION, FAULT_REACTION = 0x1008, 0x605A, 0x605E
 
-PROFILE_VELOCITY, PROFILE_TORQUE = 3, 4
+SUPPORTED_MODES = 0x6502
+
+PROFILE_VELOCITY, PROFILE_TORQUE, CYCLIC_VELOCITY, CYCLIC_TORQUE = 3, 4, 9, 10
 SHUT_DOWN, SWITCH_ON, ENABLE_OPERATION, FAULT_RESET = 0x06, 0x07, 0x0F, 0x80
 DISABLE_VOLTAGE, QUICK_STOP = 0x00, 0x02
 ABORT_BY_FAULT = 1
@@ -304,6 +307,28 @@ class Cia402Drive:
             )
         self._maximum_nm = link.read(MAXIMUM_TORQUE) * self._rated_nm / 1e3
         self._maximum_rad_s = link.read(MAXIMUM_SPEED) / RPM_PER_RAD_S
+        self._torque_mode = self._available(PROFILE_TORQUE, CYCLIC_TORQUE)
+        self._speed_mode = self._available(PROFILE_VELOCITY, CYCLIC_VELOCITY)
+        self._stepper = Stepper(watchdog_s)
+
+    def _available(self, profile: int, cyclic: int) -> int:
+        """Return the profile mode, or the cyclic one where the drive states that it has no other.
+
+        Raises
+        ------
+        BenchError
+            The drive has neither.
+        """
+        bits = self._link.read_optional(SUPPORTED_MODES)
+        found = [mode for mode in (profile, cyclic) if not bits or bits >> mode - 1 & 1]
+        if not found:
+            raise BenchError(
+                Message("{name} has neither mode {profile} nor {cyclic}",
+                        self._link.name, profile, cyclic),
+                "profile or cyclic synchronous torque and velocity (object 0x6502)",
+                "enable the mode in the drive's settings, or take another drive",
+            )  # fmt: skip
+        return found[0]
 
     def identity(self) -> Identity:
         """Read identity and reactions of the drive; objects optional in CiA 301 may be missing."""
@@ -413,13 +438,16 @@ class Cia402Drive:
             self._switch(DISABLE_VOLTAGE, "switch on disabled")
         self._write(TARGET_TORQUE, 0)
         self._write(TARGET_VELOCITY, 0)
-        self._set_mode(PROFILE_TORQUE)
+        self._stepper.stop()
+        self._stepper.feed()
+        self._set_mode(self._torque_mode)
         self._switch(SHUT_DOWN, "ready to switch on")
         self._switch(SWITCH_ON, "switched on")
         self._switch(ENABLE_OPERATION, "operation enabled")
 
     def disable(self) -> None:
         """Switch off the motor's power."""
+        self._stepper.stop()
         self._link.write(CONTROLWORD, DISABLE_VOLTAGE)
 
     def _set_mode(self, mode: int) -> None:
@@ -432,7 +460,7 @@ class Cia402Drive:
                 raise BenchError(
                     Message("{name} stays in mode {shown}", self._link.name, shown),
                     Message("mode {mode}", mode),
-                    "check that the drive supports profile torque and profile velocity",
+                    "check that the drive supports this mode",
                 )
             self._link.beat()
             time.sleep(POLL_S)
@@ -457,9 +485,13 @@ class Cia402Drive:
         """Go to a torque at a limited rate and keep it."""
         check_drive_order(self._link.name, torque_nm, ramp_nm_per_s, self._maximum_nm, "N·m")
         self._check_enabled()
+        if self._torque_mode == CYCLIC_TORQUE:
+            self._step_to(CYCLIC_TORQUE, torque_nm, ramp_nm_per_s)
+            return
         # Set the target before the mode: the drive follows its target as soon as the mode changes.
+        self._stepper.stop()
         self._write(TORQUE_SLOPE, self._slope(ramp_nm_per_s))
-        self._write(TARGET_TORQUE, round(1e3 * torque_nm / self._rated_nm))
+        self._write(TARGET_TORQUE, self._permille(torque_nm))
         self._set_mode(PROFILE_TORQUE)
 
     def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
@@ -468,14 +500,33 @@ class Cia402Drive:
             self._link.name, speed_rad_s, ramp_rad_per_s2, self._maximum_rad_s, "rad/s"
         )
         self._check_enabled()
+        if self._speed_mode == CYCLIC_VELOCITY:
+            self._step_to(CYCLIC_VELOCITY, speed_rad_s, ramp_rad_per_s2)
+            return
+        self._stepper.stop()
         ramp = self._ramp(ramp_rad_per_s2)
         for index in (ACCELERATION, DECELERATION, QUICK_STOP_DECELERATION):
             self._write(index, ramp)
         self._write(TARGET_VELOCITY, self._velocity(speed_rad_s))
         self._set_mode(PROFILE_VELOCITY)
 
+    def _step_to(self, mode: int, target: float, rate: float) -> None:
+        """Step from the present set point of a cyclic mode to a target."""
+        torque = mode == CYCLIC_TORQUE
+        index = TARGET_TORQUE if torque else TARGET_VELOCITY
+        units: Callable[[float], int] = self._permille if torque else self._velocity
+        self._stepper.stop()
+        state = self.state()
+        shown = state.torque_nm if torque else state.speed_rad_s
+        present = 0.0 if shown is None else shown
+        self._write(index, units(present))
+        self._set_mode(mode)
+        write = self._link.write
+        self._stepper.go(lambda value: write(index, units(value)), present, target, rate)
+
     def quick_stop(self) -> None:
         """Stop the drive with its quick-stop ramp; it stays in the state quick stop."""
+        self._stepper.stop()
         self._link.write(CONTROLWORD, QUICK_STOP)
 
     def ramp_to_zero(self, duration_s: float) -> None:
@@ -491,12 +542,22 @@ class Cia402Drive:
     def _ramp_to_zero(self, duration_s: float) -> None:
         present = self.state()
         seconds = max(duration_s, 1e-3)
+        for mode, value in (
+            (CYCLIC_TORQUE, present.torque_nm),
+            (CYCLIC_VELOCITY, present.speed_rad_s),
+        ):
+            if value is not None and mode in (self._torque_mode, self._speed_mode):
+                self._step_to(mode, 0.0, max(abs(value) / seconds, 1e-9))
+                return
         if present.torque_nm is not None:
             self._link.write(TORQUE_SLOPE, self._slope(abs(present.torque_nm) / seconds))
         if present.speed_rad_s is not None:
             self._link.write(DECELERATION, self._ramp(abs(present.speed_rad_s) / seconds))
         self._link.write(TARGET_TORQUE, 0)
         self._link.write(TARGET_VELOCITY, 0)
+
+    def _permille(self, torque_nm: float) -> int:
+        return round(1e3 * torque_nm / self._rated_nm)
 
     def _slope(self, rate_nm_per_s: float) -> int:
         return min(LARGEST_SLOPE, max(1, math.ceil(1e3 * rate_nm_per_s / self._rated_nm)))
@@ -510,14 +571,16 @@ class Cia402Drive:
     def feed_watchdog(self) -> None:
         """Send the heartbeat that the drive monitors."""
         self._link.beat()
+        self._stepper.feed()
 
     def state(self) -> DriveState:
         """Request the set point of the active mode and the fault state."""
+        self._stepper.check()
         word = self._link.read(STATUSWORD)
         status = self._status(word)
         mode = self._link.read(MODE_DISPLAY)
         torque_nm = speed_rad_s = None
-        if mode == PROFILE_VELOCITY:
+        if mode in (PROFILE_VELOCITY, CYCLIC_VELOCITY):
             units = self._link.read(VELOCITY_DEMAND)
             speed_rad_s = units / self._options.velocity_units_per_rpm / RPM_PER_RAD_S
         else:
@@ -539,6 +602,7 @@ class Cia402Drive:
 
     def close(self) -> None:
         """Release the drive. A second call does nothing."""
+        self._stepper.close()
         with contextlib.suppress(BenchError):
             self._link.close()
 
