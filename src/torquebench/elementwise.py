@@ -13,15 +13,27 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["NodePosition", "elementwise", "in_rows", "located", "on_lines", "on_tables"]
+__all__ = [
+    "NodePosition",
+    "Values",
+    "elementwise",
+    "functions_for",
+    "in_columns",
+    "in_rows",
+    "located",
+    "on_lines",
+    "on_tables",
+]
 
 FloatArray = NDArray[np.float64]
+Values = FloatArray | float
+"""Many readings as an array, or a single one as a float."""
 
 
 class _Floats:
     """Versions of NumPy's functions for single floats; the first argument may be NaN."""
 
-    any = staticmethod(bool)
+    all = any = staticmethod(bool)
     copysign = staticmethod(math.copysign)
     isnan = staticmethod(math.isnan)
     maximum = staticmethod(max)
@@ -44,28 +56,35 @@ class _Floats:
 _FLOATS = _Floats()
 
 
-def elementwise(count: int, *values: FloatArray | float | None) -> tuple[Any, list[Any]]:
-    """Return functions for arrays, or for floats if there is a single reading, and their arguments.
+def functions_for(values: Values) -> Any:
+    """Return NumPy for an array; for a float, an object with some of its functions."""
+    return np if isinstance(values, np.ndarray) else _FLOATS
+
+
+def elementwise(like: Values, *values: Values | None) -> tuple[Any, list[Any]]:
+    """Return functions for arrays, or for floats if `like` is a float, and their arguments.
 
     Parameters
     ----------
-    count : int
-        Number of readings.
-    values : float64[count], float or None
+    like : float64[n] or float
+        The readings of a formula.
+    values : float64[n], float or None
         One value for each reading or for all of them; None becomes NaN.
 
     Returns
     -------
-    functions : numpy, or an object with some of its functions
-    values : list of float64[count] or float
+    functions
+        As `functions_for` returns them.
+    values : list of float64[n] or float
+        Floats if `like` is one.
 
     Examples
     --------
-    >>> functions, (length,) = elementwise(1, np.array([-4.0]))
+    >>> functions, (length,) = elementwise(1.0, np.array([-4.0]))
     >>> functions.sqrt(abs(length))
     2.0
     """
-    if count != 1:
+    if isinstance(like, np.ndarray):
         return np, [np.nan if value is None else value for value in values]
     return _FLOATS, [
         math.nan if value is None else value.item() if isinstance(value, np.ndarray) else value
@@ -73,12 +92,24 @@ def elementwise(count: int, *values: FloatArray | float | None) -> tuple[Any, li
     ]
 
 
-def in_rows(count: int, *values: FloatArray | float) -> FloatArray:
-    """Return values of `count` readings as the rows of an array."""
-    rows = np.empty((len(values), count))
-    for row, value in enumerate(values):
-        rows[row] = value
+def in_rows(like: Values, *values: Values) -> Any:
+    """Return values of the readings `like` as the rows of an array; floats as they are."""
+    if not isinstance(like, np.ndarray):
+        return values
+    rows = np.empty((len(values), like.size))
+    for row, value in zip(rows, values, strict=True):
+        row[:] = value
     return rows
+
+
+def in_columns(like: Values, *values: Values) -> FloatArray:
+    """Return values of the readings `like` as the columns of an array; floats as its only row."""
+    if not isinstance(like, np.ndarray):
+        return np.array([values])
+    columns = np.empty((like.size, len(values)))
+    for number, value in enumerate(values):
+        columns[:, number] = value
+    return columns
 
 
 class NodePosition(NamedTuple):
@@ -99,8 +130,9 @@ def located(nodes: FloatArray, values: FloatArray | float) -> NodePosition:
         none = 0 if isinstance(values, float) else np.zeros(np.shape(values), dtype=np.intp)
         return NodePosition(none, none, 0.0 * none)
     if isinstance(values, float):
-        inside = min(max(values, nodes.item(0)), nodes.item(last))
-        below: Any = min(max(int(nodes.searchsorted(inside, side="right")) - 1, 0), last - 1)
+        lowest, highest = nodes.item(0), nodes.item(last)
+        inside = lowest if values < lowest else highest if values > highest else values
+        below: Any = min(int(nodes.searchsorted(inside, side="right")), last) - 1
         low = nodes.item(below)
         return NodePosition(below, below + 1, (inside - low) / (nodes.item(below + 1) - low))
     within = np.minimum(np.maximum(values, nodes[0]), nodes[last])

@@ -27,6 +27,7 @@ from torquebench.chain import (
     effect_states,
     rows_of,
 )
+from torquebench.elementwise import Values, functions_for, in_columns
 from torquebench.errors import InputError, SignalFault
 from torquebench.message import Message
 from torquebench.signals import History, Record
@@ -89,6 +90,8 @@ class ActiveChain:
         self._recent = _Torques()
         self._fine: tuple[ChainStream, _Torques] | None = None
         self._last: tuple[MeasuringChain, Readings, Torque] | None = None
+        self.needs_angle = chain.find(Ripple) is not None
+        """Whether the chain corrects ripple that repeats with every turn of the shaft."""
 
     @property
     def accepted(self) -> Timebase | None:
@@ -100,11 +103,6 @@ class ActiveChain:
         """Whether the chain corrects the effect of rotation on zero and drag."""
         measured = self.chain.find(MeasuredRotation) is not None
         return measured and "rotation" not in self.chain.switches
-
-    @property
-    def needs_angle(self) -> bool:
-        """Whether the chain corrects ripple that repeats with every turn of the shaft."""
-        return self.chain.find(Ripple) is not None
 
     def push(
         self,
@@ -129,7 +127,7 @@ class ActiveChain:
         """
         zero, age_h = self.zero, None
         if zero is not None and len(record):
-            age_h = np.maximum(until_s - zero.time_s, 0.0) / HOUR
+            age_h = functions_for(until_s).maximum(until_s - zero.time_s, 0.0) / HOUR
         readings = Readings(
             record["reading_nm"],
             counter_nm=record.get("counter_nm"),
@@ -284,10 +282,9 @@ def _first_refused(
 def _record(time_s: FloatArray, torque: Torque) -> Record:
     """Return torques as a record, with the uncertainties of their components as columns."""
     components, count = torque.components, time_s.size
-    uncertainty, added = np.empty((count, len(components))), np.empty((count, len(components)))
-    for number, component in enumerate(components):
-        uncertainty[:, number] = component.uncertainty_nm
-        added[:, number] = component.value_nm
+    like: Values = torque.value_nm if count > 1 else torque.value_nm.item()
+    uncertainty = in_columns(like, *[component.uncertainty_nm for component in components])
+    added = in_columns(like, *[component.value_nm for component in components])
     places = [component.place for component in components if component.place is not None]
     columns: dict[str, NDArray[np.float64]] = {
         "time_s": time_s,

@@ -145,13 +145,14 @@ class Channel:
         """
         if isinstance(measured, EdgeBlock):
             measured = self._counter.push(measured)
-        if self.column not in measured:
+        signal = self._columns[0]
+        if signal not in measured:
             raise InputError(
                 Message("{name} delivers {columns}", self.name, ", ".join(measured)),
                 Message("signal = {signal!r}, as described", self.transducer.signal),
                 "describe the transducer's signal as its instrument states it",
             )
-        if self.column == "signal":
+        if signal == "signal":
             measured = self._with_uncertainty(measured)
         stuck = self._stuck.push(measured, partner)
         if stuck is not None:
@@ -261,14 +262,13 @@ class _StuckCheck:
         if not len(record):
             return None
         long_still = []
-        u = float(record[self._columns[1]][-1])
+        u = record[self._columns[1]].item(-1)
         # Check the values as counted: windows marked as stuck would hide a lasting fault.
         values, times = record[self._columns[0]].tolist(), record.time_s.tolist()
         for value, time_s in zip(values, times, strict=True):
-            if math.isnan(value):  # it has another fault
-                self._low = value
-            low, high = min(self._low, value), max(self._high, value)
-            if high - low <= STILL_SPREAD * u:
+            low = value if value < self._low else self._low
+            high = value if value > self._high else self._high
+            if not math.isnan(value) and high - low <= STILL_SPREAD * u:  # NaN has another fault
                 self._low, self._high = low, high
                 self._count += 1
             else:

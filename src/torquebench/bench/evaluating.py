@@ -81,7 +81,8 @@ class BlockEvaluator:
         temperatures = self._drivers.temperature.temperatures()
         for probe in self._description.temperatures:
             values[f"{probe}_c"] = temperatures.get(probe, np.nan)
-        return Record.unchecked({name: np.array([value]) for name, value in values.items()}, 1)
+        columns = np.array([[value] for value in values.values()])
+        return Record.unchecked(dict(zip(values, columns, strict=True)), 1)
 
     def _acceleration(self, side: Side, angle: Record) -> Acceleration:
         """Return a shaft's acceleration over a block; a short block is extended backwards."""
@@ -134,15 +135,14 @@ class BlockEvaluator:
         """Compensate windows with the conditions at the end of each window's block."""
         module, conditions = self._description.module(side), block.records[CONDITIONS]
         angle_rad: FloatArray | None = None
-        row: Any = 0
         if active.needs_angle and module.encoder.absolute:
             angle_rad = self._angles(side, record.time_s - module.transducer.group_delay_s)
         if len(conditions) > 1:
             row = conditions.time_s.searchsorted(record.time_s).clip(max=len(conditions) - 1)
 
         def value(name: str) -> Any:
-            values = conditions[name][row]
-            return values if values.ndim else float(values)
+            values = conditions[name]
+            return values.item() if values.size == 1 else values[row]
 
         known = {
             "speed_rpm": value(f"{side}_speed_rad_s") * RPM_PER_RAD_S,

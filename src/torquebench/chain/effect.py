@@ -11,8 +11,9 @@ from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from torquebench.chain.readings import FloatArray, Readings
+from torquebench.chain.readings import Readings
 from torquebench.chain.torque import Component
+from torquebench.elementwise import Values
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -111,15 +112,15 @@ class Effect(ABC):
     record: str
 
     @abstractmethod
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return the contributions of the effect to readings.
 
         Parameters
         ----------
         readings : Readings
             The next readings of the stream, or independent rows.
-        torque_nm : float64[n]
-            Torque after all effects before this one, N·m.
+        torque_nm : float64[n] or float
+            Torque after all effects before this one, N·m; a float for a single reading.
         """
 
     def outside(self, readings: Readings) -> Refusal | None:  # noqa: ARG002 - most refuse none

@@ -502,11 +502,18 @@ def _completed(effect: Effect, limit: Effect) -> Effect:
 
 
 def _sum(effects: Iterable[Effect], readings: Readings, off: frozenset[str]) -> Torque:
-    torque, components = readings.reading_nm, list[Component]()
+    """Add the effects' corrections one after the other; a single reading is a float meanwhile."""
+    alone = len(readings) == 1
+    torque: FloatArray | float = readings.reading_nm.item() if alone else readings.reading_nm
+    components = list[Component]()
     for effect in effects:
-        for each in effect.components(readings, torque):
-            part = not_corrected(each, 1.0) if each.name in off else each
-            components.append(part)
-            if isinstance(part.value_nm, np.ndarray):
+        for component in effect.components(readings, torque):
+            part = not_corrected(component, 1.0) if component.name in off else component
+            if alone and (
+                isinstance(part.value_nm, np.ndarray) or isinstance(part.uncertainty_nm, np.ndarray)
+            ):
+                part = part.of_one()
+            if alone or isinstance(part.value_nm, np.ndarray):
                 torque = torque + part.value_nm
-    return Torque(torque, tuple(components))
+            components.append(part)
+    return Torque(np.atleast_1d(torque), tuple(components))

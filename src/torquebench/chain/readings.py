@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.elementwise import Values
+
 __all__ = [
     "MEASURED",
     "QUANTITIES",
@@ -116,19 +118,17 @@ MEASURED = tuple(
 """Quantities that are measured with every reading: columns of tables and recordings."""
 
 
-def known_or(value: Known, otherwise: float) -> FloatArray:
+def known_or(value: Known, otherwise: float) -> Values:
     """Return a quantity, with a default for values that weren't measured.
 
     Examples
     --------
-    >>> known_or(np.array([1.0, np.nan]), 5.0).tolist(), float(known_or(None, 5.0))
+    >>> known_or(np.array([1.0, np.nan]), 5.0).tolist(), known_or(None, 5.0)
     ([1.0, 5.0], 5.0)
     """
-    if value is None:
-        return np.asarray(otherwise)
-    if isinstance(value, float):  # shortcut for the live stream
-        return np.asarray(otherwise if value != value else value)
-    return np.where(np.isnan(value), otherwise, value)
+    if isinstance(value, np.ndarray):
+        return np.where(np.isnan(value), otherwise, value)
+    return otherwise if value is None or value != value else value
 
 
 def unknown(value: Known) -> NDArray[np.bool_] | bool:

@@ -73,6 +73,11 @@ class Component(NamedTuple):
     place: FloatArray | None = None
     distribution: Shapes = Distribution.NORMAL
 
+    def of_one(self) -> Component:
+        """Return the contribution to a single torque with floats instead of arrays."""
+        u, value = np.asarray(self.uncertainty_nm), np.asarray(self.value_nm)
+        return self._replace(uncertainty_nm=u.item(), value_nm=value.item())
+
 
 def by_row(rows: NDArray[np.bool_] | bool, these: Distribution, others: Distribution) -> Shapes:
     """Return one distribution for the torques in `rows` and another for all others."""

@@ -32,6 +32,7 @@ from torquebench.compensation.columns import (
 from torquebench.compensation.curve_uncertainty import student_widening
 from torquebench.compensation.estimator import Between, Estimator, OneOf, Truth, parameter
 from torquebench.compensation.state import decode_value, encode_value
+from torquebench.elementwise import Values
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
@@ -365,15 +366,15 @@ class CompensationModel(Estimator, ABC):
         _, std = self.predict(X, return_std=True)
         return np.asarray(np.hypot(std, self.scatter_at(np.asarray(by_names(X), float)[:, 0])))
 
-    def scatter_at(self, torque_nm: FloatArray) -> FloatArray:
-        """Return the standard deviation of single readings at torques in N·m, shape (n,).
+    def scatter_at(self, torque_nm: Values) -> Values:
+        """Return the standard deviation of single readings at torques in N·m, shape (n,) or float.
 
         The scatter is the noise about the true torque. Points scatter more about a curve that can't
         follow the chain, but that deviation is part of the curve's uncertainty.
         """
         if self.uncertainty_ is None:
-            return np.full(torque_nm.shape, self.noise_nm_)
-        return np.asarray(self._unit_nm * self.uncertainty_.scatter_at(torque_nm / self._unit_nm))
+            return np.full(np.shape(torque_nm), self.noise_nm_)
+        return self._unit_nm * self.uncertainty_.scatter_at(torque_nm / self._unit_nm)
 
     @property
     def scatter_nm(self) -> float:

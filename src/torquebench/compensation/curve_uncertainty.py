@@ -25,7 +25,7 @@ from scipy.special import ndtr, stdtrit
 
 from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.state import storable
-from torquebench.elementwise import elementwise, located, on_lines
+from torquebench.elementwise import Values, located, on_lines
 
 __all__ = ["COVERAGE_95", "CurveUncertainty", "half_widths", "student_widening"]
 
@@ -77,13 +77,12 @@ class CurveUncertainty:
                 std[rows] = np.interp(u[rows], self.nodes, values)
         return std
 
-    def scatter_at(self, u: FloatArray) -> FloatArray:
+    def scatter_at(self, u: Values) -> Values:
         """Return the scatter of single readings at readings u."""
         if not isinstance(self.scatter, np.ndarray):
             return self.scatter + 0.0 * u
-        _, (at,) = elementwise(u.size, u)
-        (scatter,) = on_lines(self.scatter[None], located(self.nodes, at))
-        return np.asarray(scatter).reshape(u.shape)
+        scatter: Values = on_lines(self.scatter[None], located(self.nodes, u))[0]
+        return scatter
 
 
 def half_widths(bias: FloatArray, spread: FloatArray) -> FloatArray:

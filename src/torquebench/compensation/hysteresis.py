@@ -25,14 +25,14 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil, sqrt
+from math import ceil, isfinite, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.compensation.table import CompensationTable
-from torquebench.elementwise import elementwise, in_rows, located, on_lines
+from torquebench.elementwise import Values, elementwise, in_rows, located, on_lines
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -355,11 +355,7 @@ class BranchTracker:
         The shape is (operators, 2, n).
         """
         if reading_nm.ndim != 1 or not np.isfinite(reading_nm).all():
-            raise InputError(
-                "readings with gaps (not a number)",
-                "finite readings in one row",
-                "call forget() after a gap",
-            )
+            raise _gap()
         states = np.empty((len(self._weights), 2, reading_nm.size))
         for start in range(0, reading_nm.size, _AT_ONCE):
             part = reading_nm[start : start + _AT_ONCE]
@@ -373,9 +369,27 @@ class BranchTracker:
             self._bounds = places[-1, :, :, -1]
         return states
 
+    def follow_one(self, reading_nm: float) -> FloatArray:
+        """Update the state by one reading like `follow`; the shape is (operators, 2)."""
+        if not isfinite(reading_nm):
+            raise _gap()
+        low, high = reading_nm - self._widths, reading_nm + self._widths
+        self._bounds = np.maximum(low, np.minimum(high, self._bounds))
+        weights = self._weights[:, 0, :, :, 0]
+        terms = weights * (reading_nm - self._bounds) / self._widths
+        return np.asarray(np.add.reduce(terms, axis=1))
+
+
+def _gap() -> InputError:
+    return InputError(
+        "readings with gaps (not a number)",
+        "finite readings in one row",
+        "call forget() after a gap",
+    )
+
 
 class LiveTorque(NamedTuple):
-    """Compensated live readings.
+    """Compensated live readings; floats for a single reading that was a float.
 
     Attributes
     ----------
@@ -395,14 +409,14 @@ class LiveTorque(NamedTuple):
         Torque half-way between the two curves of the calibrated loop.
     """
 
-    torque_nm: FloatArray
-    coordinate: FloatArray
-    half_width_nm: FloatArray
-    curve_uncertainty_nm: FloatArray
-    middle_nm: FloatArray
+    torque_nm: Any
+    coordinate: Any
+    half_width_nm: Any
+    curve_uncertainty_nm: Any
+    middle_nm: Any
 
     @property
-    def standard_uncertainty_nm(self) -> FloatArray:
+    def standard_uncertainty_nm(self) -> Any:
         """Root sum of squares of `curve_uncertainty_nm` and of `half_width_nm` / √3."""
         return np.sqrt(np.square(self.curve_uncertainty_nm) + np.square(self.half_width_nm) / 3.0)
 
@@ -438,21 +452,25 @@ class HistoryCompensator:
         """Discard the history, as after a gap in the readings or a fault."""
         self._tracker.forget()
 
-    def push(self, reading_nm: ArrayLike) -> LiveTorque:
+    def push(self, reading_nm: ArrayLike | float) -> LiveTorque:
         """Compensate the next readings of the stream.
 
         Parameters
         ----------
-        reading_nm : array_like of shape (n,)
+        reading_nm : array_like of shape (n,), or float
             Next readings in N·m, finite and in the order of time.
 
         Returns
         -------
         LiveTorque
         """
-        readings = np.ascontiguousarray(reading_nm, dtype=np.float64)
-        count, followed = readings.size, self._tracker.follow(readings)
-        number, (reading, *states) = elementwise(count, readings, *followed.reshape(4, count))
+        like: Values
+        if isinstance(reading_nm, float):
+            like, followed = reading_nm, self._tracker.follow_one(reading_nm)
+        else:
+            like = np.ascontiguousarray(reading_nm, dtype=np.float64)
+            followed = self._tracker.follow(like)
+        number, (reading, *states) = elementwise(like, like, *followed.reshape(4, -1))
         calibrated = on_lines(self._calibrated, located(self._grid, reading))
         shares, beyond = _in_loop(number, states[:2], *calibrated[:2])
         even, _ = _in_loop(number, states[2:], *calibrated[2:])
@@ -476,7 +494,7 @@ class HistoryCompensator:
             up, down = self.table.uncertainty_curve.branches(reading)
             u = number.sqrt(share * (up * up) + (1.0 - share) * (down * down))
         middle = 0.5 * (rising + falling)
-        return LiveTorque(*in_rows(count, 0.5 * (one + other), 2.0 * share - 1.0, half, u, middle))
+        return LiveTorque(*in_rows(like, 0.5 * (one + other), 2.0 * share - 1.0, half, u, middle))
 
 
 def _in_loop(

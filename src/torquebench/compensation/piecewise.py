@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.elementwise import elementwise
+from torquebench.elementwise import functions_for
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -159,7 +159,7 @@ class PiecewisePolynomial:
         rising, falling : float or float64 array of shape (n,)
         """
         if isinstance(reading, float):
-            return self._branches(elementwise(1)[0], reading)
+            return self._branches(functions_for(reading), reading)
         blocks = [
             self._branches(np, reading[start : start + _BLOCK])
             for start in range(0, reading.size, _BLOCK)
@@ -190,9 +190,11 @@ class PiecewisePolynomial:
 
     def _in_interval(self, reading: Any, row: Any, place: Any) -> Any:
         """Return the values of readings by the polynomials in the given rows of the table."""
-        powers: Any = self._table.take(row, axis=0).T
+        powers: Any
         if isinstance(place, float):
-            powers = powers.tolist()
+            powers = self._table[row].tolist()
+        else:
+            powers = self._table.take(row, axis=0).T
         value = powers[-1]
         for power in range(len(powers) - 2, -1, -1):
             value = powers[power] + place * value

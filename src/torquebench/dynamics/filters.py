@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.dynamics.convolution import convolve_uncertain
-from torquebench.elementwise import elementwise, in_rows
+from torquebench.elementwise import Values, elementwise, in_rows
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -141,7 +141,7 @@ class FilterStream:
         """Restart with the next sample, as after a gap."""
         self._begun = False
 
-    def correct(self, values: FloatArray, uncertainty: FloatArray) -> FloatArray | None:
+    def correct(self, values: FloatArray, uncertainty: FloatArray) -> Any:
         """Filter the next samples of a stream that continues without a fault.
 
         Parameters
@@ -150,21 +150,20 @@ class FilterStream:
 
         Returns
         -------
-        float64 array of shape (3, n) or None
+        float64 array of shape (3, n), three floats for a single sample, or None
             Correction, standard uncertainty by the coefficients, and the part that the filter adds
             to the uncertainty of the samples. None, without filtering, at the start or with a fault
             among the samples; these need `push`.
         """
-        known = (abs(values) < np.inf) & (uncertainty >= 0.0) & (uncertainty < np.inf)
-        if not self._begun or not known.all():
+        like: Values = values if values.size > 1 else values.item()
+        number, (before, spread) = elementwise(like, values, uncertainty)
+        known = (abs(before) < np.inf) & (spread >= 0.0) & (spread < np.inf)
+        if not self._begun or not number.all(known):
             return None
-        filtered = self._run(values, uncertainty)
-        number, (before, spread, value, coefficients, noise) = elementwise(
-            values.size, values, uncertainty, *filtered
-        )
+        _, (value, coefficients, noise) = elementwise(like, *self._run(values, uncertainty))
         u = number.sqrt(noise)
         added = number.sqrt(number.maximum(u * u - spread * spread, 0.0))
-        return in_rows(values.size, value - before, number.sqrt(coefficients), added)
+        return in_rows(like, value - before, number.sqrt(coefficients), added)
 
     def push(self, values: FloatArray, uncertainty: FloatArray) -> Filtered:
         """Filter the next samples; a fault (NaN) gives NaN.

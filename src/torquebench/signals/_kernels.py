@@ -77,25 +77,18 @@ def _first_out_of_order(ticks, low, high):  # type: ignore[no-untyped-def] # Num
 
 
 @inner
-def _count_train(ticks, begin, starts, stops, method, check, edges, numerator, fault):  # type: ignore[no-untyped-def] # Numba infers
+def _count_train(ticks, begin, first, window, method, check, edges, numerator, fault):  # type: ignore[no-untyped-def] # Numba infers
     """Count a pulse train over windows; `begin` is near the first edge of the first window.
 
     Returns the first edge that isn't later than the one before it (-1 for none), and the edge
     after the last window.
     """
-    low = high = begin
-    n = advance = 0
-    last_stop = int64(-(2**62))
-    for k in range(starts.size):
-        start = starts[k]
-        stop = stops[k]
-        if start == last_stop:
-            low = high
-        else:
-            last_low = low
-            low = _first_at_or_after(ticks, low + advance, start)
-            advance = low - last_low
-        last_stop = stop
+    stop = first * window
+    low = high = _first_at_or_after(ticks, begin, stop)
+    n = 0
+    for k in range(edges.size):
+        stop += window
+        low = high
         high = _first_at_or_after(ticks, low + n, stop)
         n = high - low
         edges[k] = n
@@ -143,23 +136,14 @@ def _denominators(edges, method, denominator):  # type: ignore[no-untyped-def] #
             denominator[k] = edges[k] - 1
 
 
-@inner
-def _largest(edges, starts, stops):  # type: ignore[no-untyped-def] # Numba infers
-    """Return the largest product of edges² and ticks in a window, which bounds its sums."""
-    largest = 0.0
-    for k in range(edges.size):
-        largest = max(largest, float(edges[k]) * float(edges[k]) * float(stops[k] - starts[k]))
-    return largest
-
-
 @inner(error_model="numpy")
 def _convert(  # type: ignore[no-untyped-def] # Numba infers
-    starts, stops, numerator, denominator, edges, fault, method, timebase, edge_noise,
+    first, window, numerator, denominator, edges, fault, method, timebase, edge_noise,
     time, frequency, uncertainty,
 ):  # fmt: skip
     """Convert quotients to frequency and standard uncertainty; NaN for a window with a fault.
 
-    Returns how many windows are SUSPECT.
+    Returns how many windows are SUSPECT, and the largest number of edges.
     """
     scale = timebase / 6.0 if method == REGRESSION else timebase
     # Sum of the edges' squared weights for the three methods: n(n² − 1)/3 (the numerator lacks a
@@ -168,9 +152,10 @@ def _convert(  # type: ignore[no-untyped-def] # Numba infers
     by_edges = 1.0 if method == TRIANGULAR else 0.0
     constant = 2.0 if method == RECIPROCAL else 0.0
     half_tick = 0.5 / timebase
-    suspects = 0
+    suspects = most = 0
     for k in range(fault.size):
-        time[k] = (float(starts[k]) + float(stops[k])) * half_tick
+        start = (first + k) * window
+        time[k] = (float(start) + float(start + window)) * half_tick
         parts = float(denominator[k])
         per_span = 1.0 / float(numerator[k])
         value = scale * parts * per_span
@@ -180,21 +165,22 @@ def _convert(  # type: ignore[no-untyped-def] # Numba infers
         uncertainty[k] = spread if fault[k] == 0 else np.nan
     for k in range(fault.size):
         suspects += fault[k] == SUSPECT
-    return suspects
+        most = max(most, edges[k])
+    return suspects, most
 
 
 @kernel
 def count(  # type: ignore[no-untyped-def] # Numba infers
-    ticks, starts, stops, method, check, timebase, edge_noise, time, frequency, uncertainty, fault
+    ticks, first, window, method, check, timebase, edge_noise, rows, fault
 ):  # fmt: skip
-    """Count the edges in windows [starts[k], stops[k]), of which neither bound decreases.
+    """Count the edges in consecutive windows [k·window, (k + 1)·window), from k = `first` on.
 
     Parameters
     ----------
     ticks : int64 array, shape (m,)
         Increasing edges, including the two edges before the first window if they exist.
-    starts, stops : int64 arrays, shape (n,)
-        Windows in ticks.
+    first, window : int
+        Number of the first window, and the windows' length in ticks.
     method : int
         One of this module's method numbers.
     check : bool
@@ -204,8 +190,8 @@ def count(  # type: ignore[no-untyped-def] # Numba infers
         Timebase in Hz.
     edge_noise : float
         Standard deviation of one edge's time in ticks.
-    time, frequency, uncertainty : float64 arrays, shape (n,)
-        Results: the windows' centres in seconds, and Hz.
+    rows : float64 array, shape (3, n)
+        Results: the windows' centres in seconds, frequency and standard uncertainty in Hz.
     fault : uint8 array, shape (n,)
         Result: 0; 1 and 2 for no and too few edges; SUSPECT.
 
@@ -215,28 +201,28 @@ def count(  # type: ignore[no-untyped-def] # Numba infers
         Index of the first edge that isn't later than the one before it, or -1.
     suspects : int
         Number of SUSPECT windows.
-    largest_sum : float
-        Bound of the largest sum: the largest number of edges in a window, squared, times its length
-        in ticks.
+    most : int
+        Largest number of edges in a window.
     """
-    size = min(_GROUP, starts.size)
+    time, frequency, uncertainty = rows
+    size = min(_GROUP, fault.size)
     sums = np.empty((2, size), dtype=np.int64)
     edges = np.empty(size, dtype=np.int64)
-    at = suspects = 0
-    largest = 0.0
-    for first in range(0, starts.size, _GROUP):
-        part = slice(first, min(first + _GROUP, starts.size))
-        here = slice(0, part.stop - first)
+    at = suspects = most = 0
+    for begin in range(0, fault.size, _GROUP):
+        part = slice(begin, min(begin + _GROUP, fault.size))
+        here = slice(0, part.stop - begin)
         wrong, at = _count_train(
-            ticks, at, starts[part], stops[part], method, check,
+            ticks, at, first + begin, window, method, check,
             edges[here], sums[0, here], fault[part],
         )  # fmt: skip
         if wrong >= 0:
-            return wrong, 0, 0.0
+            return wrong, 0, 0
         _denominators(edges[here], method, sums[1, here])
-        largest = max(largest, _largest(edges[here], starts[part], stops[part]))
-        suspects += _convert(
-            starts[part], stops[part], sums[0, here], sums[1, here], edges[here], fault[part],
+        irregular, largest = _convert(
+            first + begin, window, sums[0, here], sums[1, here], edges[here], fault[part],
             method, timebase, edge_noise, time[part], frequency[part], uncertainty[part],
         )  # fmt: skip
-    return -1, suspects, largest
+        suspects += irregular
+        most = max(most, largest)
+    return -1, suspects, most

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -19,6 +18,8 @@ __all__ = ["CounterMethod", "FrequencyCounter"]
 
 CounterMethod = Literal["reciprocal", "regression", "triangular"]
 Ticks = NDArray[np.int64]
+Counted = tuple[NDArray[np.float64], NDArray[np.uint8]]
+"""Rows of centres, frequencies and uncertainties of windows, and their faults."""
 
 _NUMBERS: dict[str, int] = {
     "reciprocal": _kernels.RECIPROCAL,
@@ -117,6 +118,7 @@ class FrequencyCounter:
         self._number = _NUMBERS[method]
         self._edge_noise = float(np.sqrt((edge_jitter_s * timebase_hz) ** 2 + 1 / 12))
         self._check_train = check_train
+        self._most_edges = (_LARGEST_SUM / self.window_ticks) ** 0.5
         self._kept: Ticks = np.empty(0, dtype=np.int64)  # edges that later windows need
         self._next: int | None = None
         self._stop_tick: int | None = None
@@ -144,21 +146,23 @@ class FrequencyCounter:
         window = self.window_ticks
         first = -(-block.start_tick // window) if self._next is None else self._next
         self._next = max(block.stop_tick // window, first)
-        borders = np.arange(first, self._next + 1, dtype=np.int64) * window
-        starts, stops = borders[:-1], borders[1:]
-        record = self._count(block.ticks, starts, stops)
-        self._keep(block.ticks, int(borders[-1]))
+        rows, fault = self._count(block.ticks, first, self._next - first)
+        self._keep(block.ticks, self._next * window)
         if self._lost_until is not None:
-            lost = starts < self._lost_until
-            columns = {
-                name: np.where(lost, np.nan, record[name])
-                for name in ("frequency_hz", "frequency_uncertainty_hz")
-            }
-            fault = np.where(lost, np.uint8(SignalFaultKind.LOST_DATA), record["fault"])
-            record = record.with_columns(fault=fault, **columns)
-            if borders[-1] >= self._lost_until:
+            lost = np.arange(first, self._next) * window < self._lost_until
+            rows[1:, lost], fault[lost] = np.nan, SignalFaultKind.LOST_DATA
+            if self._next * window >= self._lost_until:
                 self._lost_until = None
-        return record
+        time_s, frequency, uncertainty = rows
+        return Record.unchecked(
+            {
+                "time_s": time_s,
+                "frequency_hz": frequency,
+                "frequency_uncertainty_hz": uncertainty,
+                "fault": fault,
+            },
+            fault.size,
+        )
 
     def _accept(self, block: EdgeBlock) -> None:
         """Check that a block continues the stream, and record a gap before it."""
@@ -181,32 +185,20 @@ class FrequencyCounter:
             self._kept = self._kept[:0]
         self._stop_tick = block.stop_tick
 
-    def _count(self, ticks: Ticks, starts: Ticks, stops: Ticks) -> Record:
+    def _count(self, ticks: Ticks, first: int, size: int) -> Counted:
         """Count windows; for those that begin before the new edges, use the stored edges, too."""
-        size = starts.size
-        time_s, frequency, uncertainty = np.empty(size), np.empty(size), np.empty(size)
-        fault = np.empty(size, dtype=np.uint8)
-        columns = (time_s, frequency, uncertainty, fault)
-        head = size
+        window, head = self.window_ticks, size
         if head > _FEW_WINDOWS and ticks.size >= _EDGES_BEFORE:
-            head = int(starts.searchsorted(ticks[_EDGES_BEFORE - 1], side="right"))
-        if head:
-            stop = int(ticks.searchsorted(int(stops[head - 1])))
-            joined = np.concatenate((self._kept, ticks[:stop]))
-            first = [each[:head] for each in columns]
-            self._fill(first, joined, starts[:head], stops[:head], self._check_train)
-        if head < size:
-            rest = [each[head:] for each in columns]
-            self._fill(rest, ticks, starts[head:], stops[head:], self._check_train)
-        return Record.unchecked(
-            {
-                "time_s": time_s,
-                "frequency_hz": frequency,
-                "frequency_uncertainty_hz": uncertainty,
-                "fault": fault,
-            },
-            size,
-        )
+            head = min(max(int(ticks[_EDGES_BEFORE - 1]) // window + 1 - first, 0), size)
+        if not head:
+            return self._counted(ticks, first, size, self._check_train)
+        stop = ticks.searchsorted((first + head) * window)
+        joined = np.concatenate((self._kept, ticks[:stop]))
+        begin = self._counted(joined, first, head, self._check_train)
+        if head == size:
+            return begin
+        rest = self._counted(ticks, first + head, size - head, self._check_train)
+        return np.concatenate((begin[0], rest[0]), axis=1), np.concatenate((begin[1], rest[1]))
 
     def _keep(self, ticks: Ticks, from_tick: int) -> None:
         """Store the edges that windows from a tick on need."""
@@ -218,24 +210,19 @@ class FrequencyCounter:
         first = int(joined.searchsorted(from_tick))
         self._kept = joined[max(first - _EDGES_BEFORE, 0) :].copy()
 
-    def _fill(
-        self,
-        columns: Sequence[NDArray[np.generic]],
-        ticks: Ticks,
-        starts: Ticks,
-        stops: Ticks,
-        check: bool,
-    ) -> None:
-        """Count windows into columns; with `check`, inspect windows with an irregular train."""
-        wrong, suspects, largest = _kernels.count(
+    def _counted(self, ticks: Ticks, first: int, size: int, check: bool) -> Counted:
+        """Count windows; with `check`, inspect those with an irregular train."""
+        rows, fault = np.empty((3, size)), np.empty(size, dtype=np.uint8)
+        wrong, suspects, most = _kernels.count(
             ticks,
-            starts,
-            stops,
+            first,
+            self.window_ticks,
             self._number,
             check,
             self.timebase_hz,
             self._edge_noise,
-            *columns,
+            rows,
+            fault,
         )
         if wrong >= 0:
             raise InputError(
@@ -244,26 +231,35 @@ class FrequencyCounter:
                 ),
                 "strictly increasing edges",
             )
-        if self.method == "regression" and largest >= _LARGEST_SUM:
+        if self.method == "regression" and most >= self._most_edges:
             raise InputError(
-                Message("regression whose edges² x ticks are {largest:.3g}", largest),
+                Message(
+                    "regression whose edges² x ticks are {largest:.3g}",
+                    float(most) ** 2 * self.window_ticks,
+                ),
                 Message("below {high:.3g}", _LARGEST_SUM),
                 "use shorter windows and average them",
             )
-        if not suspects:
-            return
-        fault = columns[-1]
-        for window in np.flatnonzero(fault == _kernels.SUSPECT).tolist():
-            one = slice(window, window + 1)
-            first, last = ticks.searchsorted((starts[window], stops[window]))
-            train = irregularities(ticks[max(first - 1, 0) : last], int(stops[window]))
+        if suspects:
+            self._inspect(ticks, first, rows, fault)
+        return rows, fault
+
+    def _inspect(
+        self, ticks: Ticks, first: int, rows: NDArray[np.float64], fault: NDArray[np.uint8]
+    ) -> None:
+        """Decide for windows with an irregular train whether pulses are missing or doubled."""
+        for index in np.flatnonzero(fault == _kernels.SUSPECT).tolist():
+            window = first + index
+            start, stop = window * self.window_ticks, (window + 1) * self.window_ticks
+            low, high = ticks.searchsorted((start, stop))
+            train = irregularities(ticks[max(low - 1, 0) : high], stop)
             if train.missing or train.stopped:
-                fault[one] = SignalFaultKind.MISSING_PULSES
+                fault[index] = SignalFaultKind.MISSING_PULSES
             elif train.doubled:
-                fault[one] = SignalFaultKind.DOUBLED_PULSES
+                fault[index] = SignalFaultKind.DOUBLED_PULSES
             else:
-                here = [each[one] for each in columns]
-                self._fill(here, ticks, starts[one], stops[one], check=False)
+                one = slice(index, index + 1)
+                rows[:, one], fault[one] = self._counted(ticks, window, 1, check=False)
 
 
 class Irregularities(NamedTuple):

@@ -95,14 +95,9 @@ class Record:
         first, stop = self.time_s.searchsorted((start_s, stop_s)).tolist()
         return self.at(slice(first, stop))
 
-    def with_columns(self, **columns: Any) -> Record:
-        """Return the record with added or replaced columns."""
-        size = self._size
-        if all(
-            isinstance(new, np.ndarray) and new.shape[:1] == (size,) for new in columns.values()
-        ):
-            return Record.unchecked({**self._columns, **columns}, size)
-        return Record({**self._columns, **columns})
+    def with_columns(self, **columns: Column) -> Record:
+        """Return the record with added or replaced columns, which have its length."""
+        return Record.unchecked({**self._columns, **columns}, self._size)
 
     @classmethod
     def join(cls, records: Sequence[Record]) -> Record:
@@ -183,20 +178,22 @@ class History:
             record = record.at(slice(-self.capacity, None))
         new, count = record._columns, len(record)
         with self._lock:
-            if new.keys() != self._columns.keys() or any(
-                new[name].shape[1:] != self._columns[name].shape[1:] for name in self._wide
+            if new.keys() != self._columns.keys() or (
+                self._wide
+                and any(new[name].shape[1:] != self._columns[name].shape[1:] for name in self._wide)
             ):
                 self._begin(new)
-            place = self._next
-            if place + count <= self.capacity:
+            begin = self._next
+            if begin + count <= self.capacity:
+                rows = slice(begin, begin + count)
                 for name, values in self._columns.items():
-                    values[place : place + count] = new[name]
+                    values[rows] = new[name]
             else:
-                first = self.capacity - place
+                first = self.capacity - begin
                 for name, values in self._columns.items():
-                    values[place:] = new[name][:first]
+                    values[begin:] = new[name][:first]
                     values[: count - first] = new[name][first:]
-            self._next = (place + count) % self.capacity
+            self._next = (begin + count) % self.capacity
             self._size = min(self._size + count, self.capacity)
 
     def _begin(self, columns: Mapping[str, Column]) -> None:

@@ -147,9 +147,13 @@ class SignalScale:
             amplifier; NaN at every fault.
         """
         names = self.column, self.uncertainty_column
-        inside = self._inside(record[names[0]])
-        if not np.logical_and.reduce(inside):
-            record = record.marked(~inside, SignalFaultKind.OUT_OF_MODULATION, *names)
+        signal, (low, high) = record[names[0]], self.limits
+        lowest, highest = (
+            np.minimum.reduce(signal, initial=high),
+            np.maximum.reduce(signal, initial=low),
+        )
+        if not (low <= lowest and highest <= high):  # or NaN
+            record = record.marked(~self._inside(signal), SignalFaultKind.OUT_OF_MODULATION, *names)
         deviation = record[names[0]] - self.zero
         sensitivity = self._sensitivity(deviation)
         return record.with_columns(

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from torquebench.elementwise import elementwise, located, on_lines
+from torquebench.elementwise import Values, functions_for, located, on_lines
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -49,8 +50,8 @@ class CertifiedUncertainty:
     [0.2, 0.4, 0.4]
     >>> CertifiedUncertainty.of_torque(5e-4).at([-100.0, 2000.0]).tolist()
     [0.05, 1.0]
-    >>> CertifiedUncertainty.of_table([0.0, 40.0, 2000.0], [0.0, 0.02, 0.2]).at(1020.0).round(3)
-    np.float64(0.11)
+    >>> CertifiedUncertainty.of_table([0.0, 40.0, 2000.0], [0.0, 0.02, 0.2]).at([1020.0]).round(3)
+    array([0.11])
     >>> CertifiedUncertainty.of_text("0.02", 2000.0).text
     '40.0: 0.4, 2000.0: 0.4'
     """
@@ -188,22 +189,28 @@ class CertifiedUncertainty:
         down, upward = np.abs(points[:, ~up][:, ::-1]), points[:, up]
         return (down if down.size else upward), (upward if upward.size else down)
 
-    def at(self, torque_nm: ArrayLike) -> FloatArray:
-        """Return U (k = 2) at torques, N·m."""
+    def at(self, torque_nm: ArrayLike | float) -> Any:
+        """Return U (k = 2) at torques, N·m; a float for a float."""
+        down, up = self.directions
+        if isinstance(torque_nm, float):
+            return _in_direction(down if torque_nm < 0.0 else up, torque_nm)
         values = np.asarray(torque_nm, dtype=np.float64)
-        number, (torque,) = elementwise(values.size, values)
-        size, expanded = abs(torque), []
-        for certified in self.directions:
-            sizes = certified[0]
-            within = number.minimum(number.maximum(size, sizes.item(0)), sizes.item(-1))
-            (u,) = on_lines(certified[1:], located(sizes, within))
-            expanded.append(u * (size / within))
-        return np.asarray(number.where(torque < 0.0, *expanded)).reshape(values.shape)
+        return np.where(values < 0.0, _in_direction(down, values), _in_direction(up, values))
 
     def largest_nm(self, range_nm: float) -> float:
         """Return the largest U up to a torque, N·m."""
         inside = [each for each in self.torque_nm if abs(each) <= range_nm]
         return float(np.max(self.at([-range_nm, range_nm, *inside])))
+
+
+def _in_direction(certified: FloatArray, torque_nm: Values) -> Values:
+    """Return U at torques by the magnitudes and the U that are certified in their direction."""
+    number, (sizes, expanded) = functions_for(torque_nm), certified
+    size = abs(torque_nm)
+    within = number.minimum(number.maximum(size, sizes.item(0)), sizes.item(-1))
+    (u,) = on_lines(expanded[None], located(sizes, within))
+    expanded_nm: Values = u * (size / within)
+    return expanded_nm
 
 
 def _thinned(torque: FloatArray, expanded: FloatArray) -> FloatArray:

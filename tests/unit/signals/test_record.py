@@ -72,7 +72,7 @@ def test_other_columns_begin_a_history_afresh():
 def test_columns_have_one_length_and_single_values_count_for_all_rows():
     record = Record({"time_s": [0.0, 1.0], "speed_rpm": 3.0})
     assert record["speed_rpm"].tolist() == [3.0, 3.0]
-    assert record.with_columns(branch=1)["branch"].tolist() == [1, 1]
+    assert record.with_columns(branch=np.ones(2))["branch"].tolist() == [1, 1]
     with pytest.raises(InputError, match="2, 3 rows"):
         Record({"time_s": [0.0, 1.0], "speed_rpm": [1.0, 2.0, 3.0]})
 

@@ -9,8 +9,9 @@ from typing import ClassVar
 import numpy as np
 
 from torquebench.chain.effect import Effect, register
-from torquebench.chain.readings import FloatArray, Readings, known_or
+from torquebench.chain.readings import Readings
 from torquebench.chain.torque import NOISE, Component, Shared
+from torquebench.elementwise import Values, elementwise
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.uncertainty import Distribution
@@ -44,12 +45,14 @@ class Counter(Effect):
         """Name the noise if it is unknown."""
         return (self.title,) if self.window_nm is None else ()
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return the noise of each reading; for a steady mean without standard error, none."""
         steady = readings.window_s == np.inf
-        noise = known_or(readings.counter_nm, 0.0 if steady else self.window_nm or 0.0)
+        number, (noise,) = elementwise(torque_nm, readings.counter_nm)
+        unstated = 0.0 if steady else self.window_nm or 0.0
+        noise = number.where(number.isnan(noise), unstated, noise)
         if self.steps_nm:
-            noise = np.sqrt(np.maximum(np.square(noise) - self.steps_nm**2, 0.0))
+            noise = number.sqrt(number.maximum(noise * noise - self.steps_nm**2, 0.0))
         return (Component(NOISE, Shared.NOTHING, noise),)
 
 
@@ -99,7 +102,7 @@ class Timebase(Effect):
                 "state the sum of both clocks' tolerances",
             )
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return the effect of the difference of the clocks on zero and gain."""
         limit = self.tolerance_ppm * 1e-6 * (self.zero_nm + np.abs(torque_nm))
         return (

@@ -7,8 +7,9 @@ from math import sqrt
 from typing import ClassVar
 
 from torquebench.chain.effect import Effect, register
-from torquebench.chain.readings import FloatArray, Readings
+from torquebench.chain.readings import Readings
 from torquebench.chain.torque import Component, Shared
+from torquebench.elementwise import Values
 from torquebench.uncertainty import Distribution
 
 __all__ = ["Creep"]
@@ -31,7 +32,7 @@ class Creep(Effect):
     title: ClassVar[str] = "creep under load"
     percent: float = field(metadata={"least": 0.0})
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return the limit as a rectangular distribution, independent for every loading."""
         return (
             Component(

@@ -7,8 +7,9 @@ from math import sqrt
 from typing import ClassVar
 
 from torquebench.chain.effect import Effect, register
-from torquebench.chain.readings import FloatArray, Readings
+from torquebench.chain.readings import Readings
 from torquebench.chain.torque import Component, Shared
+from torquebench.elementwise import Values
 from torquebench.uncertainty import Distribution
 from torquebench.units import HOURS_PER_YEAR
 
@@ -33,7 +34,7 @@ class Drift(Effect):
     percent_per_year: float = field(metadata={"least": 0.0})
     interval_h: float = field(default=HOURS_PER_YEAR, metadata={"least": 0.0})
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return the limit at the calibration's age, as a rectangular distribution."""
         age = self.interval_h if readings.calibration_age_h is None else readings.calibration_age_h
         limit = 1e-2 * self.percent_per_year * age / HOURS_PER_YEAR

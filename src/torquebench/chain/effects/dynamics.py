@@ -13,6 +13,7 @@ from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Known, Readings, known_or
 from torquebench.chain.torque import Component, Shared
 from torquebench.dynamics import FilterStream, InverseFilter, UncertainFilter
+from torquebench.elementwise import Values
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.uncertainty import Distribution
@@ -123,7 +124,7 @@ class Dynamics(Effect):
             return time_s
         return time_s - (self.delay_s - self.late_s)
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return the components for rows that are a whole record."""
         recorded = self.recorded()
         recorded.prepare(readings, None)
@@ -178,10 +179,11 @@ class _FollowedDynamics(_AppliedDynamics):
     def forget(self) -> None:
         self.memory.forget()
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         time = readings.time_s
         if time is None:
             return ()
+        torque_nm = np.array(torque_nm, ndmin=1)
         count = torque_nm.size
         rows = self._going_on(time, torque_nm, readings.counter_nm)
         if rows is not None:
@@ -195,8 +197,7 @@ class _FollowedDynamics(_AppliedDynamics):
             if not np.isfinite(step[0]):  # the first reading of a stream has no previous one
                 even[0] = count == 1 or even[1]
             if even.any():
-                spread = known_or(readings.counter_nm, 0.0)
-                spread = spread if spread.shape else np.full(count, spread)
+                spread = np.broadcast_to(known_or(readings.counter_nm, 0.0), (count,))
                 cuts = [0, *(np.flatnonzero(~even[1:]) + 1).tolist(), count]
                 for start, stop in pairwise(cuts):
                     if not even[start]:
@@ -215,9 +216,7 @@ class _FollowedDynamics(_AppliedDynamics):
             self.memory.last_s, self.memory.last_nm = float(time[-1]), float(torque_nm[-1])
         return _components(added, curve, noise)
 
-    def _going_on(
-        self, time: FloatArray, reading_nm: FloatArray, counter_nm: Known
-    ) -> FloatArray | None:
+    def _going_on(self, time: FloatArray, reading_nm: FloatArray, counter_nm: Known) -> Any:
         """Return correction and u for a settled stream's next readings; None after a gap."""
         memory, interval_s = self.memory, self.effect.interval_s
         if not isinstance(counter_nm, np.ndarray) or counter_nm.shape != reading_nm.shape:
@@ -308,12 +307,12 @@ class RecordedDynamics(_AppliedDynamics):
         self.prepared.rows = self._filtered(record)[:, first : first + count]
         self.prepared.used = 0
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return the components of the next rows of the block."""
         if readings.time_s is None:
             return ()
         start = self.prepared.used
-        self.prepared.used += torque_nm.size
+        self.prepared.used += len(readings)
         added, curve, noise = self.prepared.rows[:, start : self.prepared.used]
         return _components(added, curve, noise)
 

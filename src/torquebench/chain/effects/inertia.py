@@ -7,9 +7,9 @@ from math import sqrt
 from typing import ClassVar
 
 from torquebench.chain.effect import Effect, MeasuredPart, register
-from torquebench.chain.readings import FloatArray, Readings, known_or, unknown
+from torquebench.chain.readings import Readings, known_or, unknown
 from torquebench.chain.torque import Component, Shared, by_row
-from torquebench.elementwise import elementwise, in_rows
+from torquebench.elementwise import Values, elementwise, in_rows
 from torquebench.uncertainty import Distribution
 
 __all__ = ["Inertia"]
@@ -45,10 +45,10 @@ class Inertia(Effect):
         size, u = self.moment_nm_s2 * most, self.uncertainty_nm_s2 * most
         return (MeasuredPart.of("inertia", size, u, range_nm, f"up to {most:.3g} rad/s²"),)
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return the inertia's torque at the acceleration of each reading."""
         number, (acceleration, uncertainty) = elementwise(
-            torque_nm.size,
+            torque_nm,
             readings.acceleration_rad_s2,
             known_or(readings.acceleration_uncertainty_rad_s2, 0.0),
         )
@@ -57,7 +57,7 @@ class Inertia(Effect):
         of_now = number.where(nowhere, self.largest_rad_s2 / sqrt(3.0), uncertainty)
         by_moment, by_now = self.uncertainty_nm_s2 * now, self.moment_nm_s2 * of_now
         size = number.sqrt(by_moment * by_moment + by_now * by_now)
-        u, added = in_rows(torque_nm.size, number.copysign(size, now), -self.moment_nm_s2 * now)
+        u, added = in_rows(torque_nm, number.copysign(size, now), -self.moment_nm_s2 * now)
         shape = by_row(
             unknown(readings.acceleration_rad_s2), Distribution.RECTANGULAR, Distribution.NORMAL
         )

@@ -15,7 +15,16 @@ from torquebench.chain.effects.rotation import STANDSTILL_RPM
 from torquebench.chain.grid import Numbers, Table, between
 from torquebench.chain.readings import FloatArray, Readings, row_of, unknown
 from torquebench.chain.torque import Component, Shared, by_row
-from torquebench.elementwise import NodePosition, elementwise, in_rows, located, on_lines, on_tables
+from torquebench.elementwise import (
+    NodePosition,
+    Values,
+    elementwise,
+    in_columns,
+    in_rows,
+    located,
+    on_lines,
+    on_tables,
+)
 from torquebench.message import Message
 from torquebench.uncertainty import Distribution
 
@@ -205,12 +214,12 @@ class MeasuredRotation(Effect):
         )
         return Refusal(rows, Message("temperature {now:.4g} °C", now[rows][0]), allowed)
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return the effects of rotation at each reading's speed, temperature, load and time."""
         zero_u, zero, drag_u, drag, lubrication, noise, running, running_u, *place = (
             self._contributions(readings, torque_nm)
         )
-        where = np.array(place).T
+        where = in_columns(torque_nm, *place)
         shape = by_row(unknown(readings.speed_rpm), Distribution.RECTANGULAR, Distribution.NORMAL)
         stated = self.lubrication_uncertainty == UNKNOWN_LUBRICATION
         state = Distribution.RECTANGULAR if stated else Distribution.NORMAL
@@ -225,16 +234,16 @@ class MeasuredRotation(Effect):
             parts.append(self._running_in(readings, running, running_u))
         return tuple(parts)
 
-    def _contributions(self, readings: Readings, torque_nm: FloatArray) -> FloatArray:
+    def _contributions(self, readings: Readings, torque_nm: Values) -> Any:
         """Return one row for each contribution to the torque, and the place.
 
         The rows are u and correction of the zero, u and correction of the drag, u by the
         lubrication, the noise, the running-in's drag at time 0 and its u, and the place over speed
         and temperature in correlation lengths.
         """
-        count, window_s = torque_nm.size, readings.window_s
+        window_s = readings.window_s
         number, (speed, celsius, torque) = elementwise(
-            count, readings.speed_rpm, readings.temperature_c, torque_nm
+            torque_nm, readings.speed_rpm, readings.temperature_c, torque_nm
         )
         nodes_rpm, nodes_c, nodes_nm = self._nodes
         size = abs(speed)
@@ -276,7 +285,7 @@ class MeasuredRotation(Effect):
             rows = [number.where(nowhere, *pair) for pair in zip(largest, rows, strict=True)]
         longer = self.window_s / window_s if self.window_s and window_s else 1.0
         return in_rows(
-            count,
+            torque_nm,
             *rows[:5],
             sqrt(longer) * noise,
             sign * running,
@@ -306,7 +315,7 @@ class MeasuredRotation(Effect):
             running_u,
         )
 
-    def _running_in(self, readings: Readings, start: FloatArray, start_u: FloatArray) -> Component:
+    def _running_in(self, readings: Readings, start: Values, start_u: Values) -> Component:
         """Return the effect of running-in; at an unknown time, between none and all of it."""
         if readings.time_s is None or readings.of_bench:
             u = np.copysign(np.hypot(start / np.sqrt(3.0), start_u), start_u)

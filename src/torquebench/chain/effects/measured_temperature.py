@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import sqrt
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from torquebench.chain.effects.temperature import Temperature
 from torquebench.chain.grid import Numbers, between
 from torquebench.chain.readings import FloatArray, Known, Readings, known_or, row_of, unknown
 from torquebench.chain.torque import Component, Shared, by_row
-from torquebench.elementwise import elementwise, in_rows, located, on_lines
+from torquebench.elementwise import Values, elementwise, in_columns, in_rows, located, on_lines
 from torquebench.message import Message
 from torquebench.uncertainty import Distribution
 
@@ -123,13 +123,13 @@ class MeasuredTemperature(Effect):
             return None
         return replace(limit, zero_nm_per_k=0.0, calibrated_c=self.calibrated_c)
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return zero, span and the effect of a gradient, at the temperature of each reading."""
         now_c = readings.temperature_c
         zero_u, zero, span_u, span, place, slope = self._contributions(
             now_c, readings.zero_temperature_c, torque_nm
         )
-        where = place[:, None]
+        where = in_columns(torque_nm, place)
         shape = by_row(unknown(now_c), Distribution.RECTANGULAR, Distribution.NORMAL)
         parts = [Component("temperature of zero", Shared.ZEROING, zero_u, zero, where, shape)]
         if self.span:
@@ -147,13 +147,13 @@ class MeasuredTemperature(Effect):
         )
         return tuple(parts)
 
-    def _contributions(self, now_c: Known, zeroed_c: Known, torque_nm: FloatArray) -> FloatArray:
+    def _contributions(self, now_c: Known, zeroed_c: Known, torque_nm: Values) -> Any:
         """Return rows: u of the zero, its correction, u of the span, its correction, place, slope.
 
         The place is a temperature in correlation lengths; the slope is that of the reading, N·m/K.
         """
         before_c = known_or(zeroed_c, self.calibrated_c)
-        number, (now, zeroed, torque) = elementwise(torque_nm.size, now_c, before_c, torque_nm)
+        number, (now, zeroed, torque) = elementwise(torque_nm, now_c, before_c, torque_nm)
         nodes, curves, (zero_range, span_range) = (
             self._nodes,
             self._curves_and_slopes,
@@ -167,10 +167,10 @@ class MeasuredTemperature(Effect):
         before, of_before = on_lines(curves[:2], located(nodes, zeroed))
         near = number.minimum(abs(warm - zeroed) / CORRELATION_K, 1.0)
         zero_u = near * number.sqrt(of_zero * of_zero + of_before * of_before)
-        outside = (warm < nodes[0]) | (warm > nodes[-1])
+        outside = (warm < nodes.item(0)) | (warm > nodes.item(-1))
         shift = number.where(outside, np.nan, before - zero)
         return in_rows(
-            torque_nm.size,
+            torque_nm,
             number.where(nowhere, zero_range, zero_u),
             number.where(nowhere, 0.0, shift),
             number.where(nowhere, span_range, of_span) * torque,

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from torquebench.chain.effect import Effect, register
-from torquebench.chain.readings import FloatArray, Readings
+from torquebench.chain.readings import Readings
 from torquebench.chain.torque import Component, Shared
+from torquebench.elementwise import Values
 
 __all__ = ["Mounting"]
 
@@ -26,6 +27,6 @@ class Mounting(Effect):
     title: ClassVar[str] = "reproducibility of mounting"
     percent: float = field(metadata={"least": 0.0})
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return a share of the torque, which all readings of a mounting have in common."""
         return (Component("mounting", Shared.MOUNTING, 1e-2 * self.percent * torque_nm),)

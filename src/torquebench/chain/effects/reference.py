@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 from math import sqrt
 from typing import Any, ClassVar, Self
 
-import numpy as np
-
 from torquebench.chain.effect import Effect, register
-from torquebench.chain.readings import FloatArray, Readings
+from torquebench.chain.readings import Readings
 from torquebench.chain.torque import Component, Shared
+from torquebench.elementwise import Values, functions_for
 from torquebench.uncertainty import CertifiedUncertainty, Distribution
 
 __all__ = ["Reference"]
@@ -47,9 +46,9 @@ class Reference(Effect):
         """Name temperature and drift, as far as their limits are unknown."""
         return tuple(name for each, name in self.LIMITS.items() if getattr(self, each) is None)
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return half of U, and the limits; an error of the span affects both directions."""
-        half = np.copysign(0.5 * self.certified.at(torque_nm), torque_nm)
+        half = functions_for(torque_nm).copysign(0.5 * self.certified.at(torque_nm), torque_nm)
         parts = [Component("reference standard", Shared.CALIBRATION, half)]
         for limit, name in self.LIMITS.items():
             if share := getattr(self, limit):

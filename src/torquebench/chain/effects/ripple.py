@@ -13,6 +13,7 @@ from torquebench.chain.effects.rotation import STANDSTILL_RPM
 from torquebench.chain.grid import Numbers, Table
 from torquebench.chain.readings import FloatArray, Readings, row_of
 from torquebench.chain.torque import Component, Shared
+from torquebench.elementwise import Values
 from torquebench.message import Message
 from torquebench.units import MINUTE, TURN
 
@@ -84,9 +85,9 @@ class Ripple(Effect):
         orders = np.array(self.orders)[:, None]
         return orders, np.array(self.cosine_nm), np.array(self.sine_nm)
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return the ripple at each reading's angle; without an angle, its size as u."""
-        count = torque_nm.size
+        count = len(readings)
         speed, angle = row_of(readings.speed_rpm, count), row_of(readings.angle_rad, count)
         turning = np.where(np.isnan(speed), self.largest_rpm, speed)
         window_s = self.window_s if readings.window_s is None else readings.window_s

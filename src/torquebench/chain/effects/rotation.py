@@ -9,8 +9,9 @@ from typing import ClassVar
 import numpy as np
 
 from torquebench.chain.effect import Effect, register
-from torquebench.chain.readings import FloatArray, Readings, known_or
+from torquebench.chain.readings import Readings, known_or
 from torquebench.chain.torque import Component, Shared
+from torquebench.elementwise import Values
 from torquebench.uncertainty import Distribution
 
 __all__ = ["Rotation"]
@@ -46,7 +47,7 @@ class Rotation(Effect):
     drag_nm: float = field(metadata={"least": 0.0})
     largest_rpm: float = field(default=0.0, metadata={"least": 0.0})
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return the zero's shift and the drag at the speed of each reading."""
         speed = known_or(readings.speed_rpm, self.largest_rpm)
         turning = np.where(np.abs(speed) > STANDSTILL_RPM, speed, 0.0)

@@ -8,10 +8,11 @@ from math import sqrt
 from typing import ClassVar
 
 from torquebench.chain.effect import Effect
-from torquebench.chain.readings import FloatArray, Readings
+from torquebench.chain.readings import Readings
 from torquebench.chain.torque import Component, Shared
 from torquebench.compensation import CompensationModel
 from torquebench.compensation.curve_uncertainty import student_widening
+from torquebench.elementwise import Values
 
 __all__ = ["Scatter"]
 
@@ -35,7 +36,7 @@ class Scatter(Effect):
     def _widening(self) -> float:
         return student_widening(self.model.scatter_freedom)
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return the scatter of a mean over a number of loadings."""
         mean = self._widening / sqrt(readings.loadings) * self.model.scatter_at(torque_nm)
         return (Component("scatter", Shared.LOADING, mean),)

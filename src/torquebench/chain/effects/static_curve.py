@@ -13,7 +13,9 @@ from torquebench.chain.effect import Effect
 from torquebench.chain.readings import FloatArray, Known, Readings
 from torquebench.chain.torque import Component, Shared
 from torquebench.compensation import FEATURES, CompensationModel, HistoryCompensator, features
+from torquebench.compensation.hysteresis import LiveTorque
 from torquebench.compensation.table import CompensationTable, compile_table
+from torquebench.elementwise import Values, functions_for, in_columns
 from torquebench.errors import InputError
 from torquebench.uncertainty import Distribution
 
@@ -24,8 +26,8 @@ CORRELATION_SHARE = 0.1
 independent, as are those on opposite branches. A smooth curve's errors are correlated over longer
 distances; a shorter distance only makes the U of a comparison larger.
 """
-_SQUARE_ROOT_3 = np.sqrt(3.0)
-_SQUARE_ROOT_2 = np.sqrt(2.0)
+_SQUARE_ROOT_3 = 3.0**0.5
+_SQUARE_ROOT_2 = 2.0**0.5
 
 
 @dataclass(frozen=True)
@@ -87,9 +89,9 @@ class StaticCurve(Effect):
     def _columns(self) -> int:
         return int(self.model.n_features_in_)
 
-    def inside(self, reading_nm: FloatArray) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    def inside(self, reading_nm: Values) -> Any:
         """Return which readings are within the calibrated range; False for NaN."""
-        return np.asarray((reading_nm >= self.low_nm) & (reading_nm <= self.high_nm))
+        return (reading_nm >= self.low_nm) & (reading_nm <= self.high_nm)
 
     def stream(self) -> Effect:
         """Return a tracker of the branch by earlier readings, if the model has branches."""
@@ -97,8 +99,9 @@ class StaticCurve(Effect):
             return _FollowedCurve(self.record, self, HistoryCompensator(self.table))
         return self
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return curve and hysteresis for the given branch of each reading."""
+        torque_nm = np.atleast_1d(torque_nm)
         count = torque_nm.size
         if not self.branch_aware:
             torque, curve = self._evaluate(readings, torque_nm, np.zeros(count))
@@ -122,12 +125,10 @@ class StaticCurve(Effect):
         )
 
     def _curve(
-        self, reading_nm: FloatArray, branch: FloatArray, torque_nm: FloatArray, u_nm: FloatArray
+        self, reading_nm: Values, branch: Values, torque_nm: Values, u_nm: Values
     ) -> Component:
         length_nm = CORRELATION_SHARE * float(self.model.full_scale_nm_)
-        place = np.empty((reading_nm.size, 2))
-        np.divide(reading_nm, length_nm, out=place[:, 0])
-        np.multiply(branch, 0.5, out=place[:, 1])
+        place = in_columns(reading_nm, reading_nm / length_nm, 0.5 * branch)
         return Component("static curve", Shared.CALIBRATION, u_nm, torque_nm - reading_nm, place)
 
     def _evaluate(
@@ -172,19 +173,12 @@ class _FollowedCurve(Effect):
     def forget(self) -> None:
         self.history.forget()
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         inside = self.curve.inside(torque_nm)
-        if inside.all():
-            live = self.history.push(torque_nm)
-            return self._parts(
-                torque_nm,
-                live.coordinate,
-                live.middle_nm,
-                live.curve_uncertainty_nm,
-                live.torque_nm - live.middle_nm,
-                live.half_width_nm,
-            )
-        middle, curve, added, half, place = np.full((5, torque_nm.size), np.nan)
+        if functions_for(torque_nm).all(inside):
+            return self._parts(torque_nm, self.history.push(torque_nm))
+        torque_nm, inside = np.atleast_1d(torque_nm), np.atleast_1d(inside)
+        followed = LiveTorque(*np.full((5, torque_nm.size), np.nan))
         finite = np.isfinite(torque_nm)
         cuts = np.flatnonzero(np.diff(finite)) + 1
         ends = np.concatenate(([0], cuts, [torque_nm.size]))
@@ -196,29 +190,20 @@ class _FollowedCurve(Effect):
                 self.history.forget()
                 continue
             live, kept = self.history.push(torque_nm[run]), inside[run]
-            middle[run][kept] = live.middle_nm[kept]
-            curve[run][kept] = live.curve_uncertainty_nm[kept]
-            added[run][kept] = (live.torque_nm - live.middle_nm)[kept]
-            half[run][kept] = live.half_width_nm[kept]
-            place[run][kept] = live.coordinate[kept]
-        return self._parts(torque_nm, place, middle, curve, added, half)
+            for values, new in zip(followed, live, strict=True):
+                values[run][kept] = new[kept]
+        return self._parts(torque_nm, followed)
 
-    def _parts(
-        self,
-        reading_nm: FloatArray,
-        place: FloatArray,
-        middle_nm: FloatArray,
-        curve_nm: FloatArray,
-        added_nm: FloatArray,
-        half_nm: FloatArray,
-    ) -> tuple[Component, ...]:
+    def _parts(self, reading_nm: Values, live: LiveTorque) -> tuple[Component, ...]:
         return (
-            self.curve._curve(reading_nm, place, middle_nm, curve_nm),
+            self.curve._curve(
+                reading_nm, live.coordinate, live.middle_nm, live.curve_uncertainty_nm
+            ),
             Component(
                 "hysteresis",
                 Shared.LOADING,
-                half_nm / _SQUARE_ROOT_3,
-                added_nm,
+                live.half_width_nm / _SQUARE_ROOT_3,
+                live.torque_nm - live.middle_nm,
                 distribution=Distribution.RECTANGULAR,
             ),
         )

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, Self
 
 from torquebench.chain.effect import Effect, register
-from torquebench.chain.readings import FloatArray, Readings
+from torquebench.chain.readings import Readings
 from torquebench.chain.torque import Component
+from torquebench.elementwise import Values
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -48,6 +49,6 @@ class SwitchedOff(Effect):
                 raise InputError(Message("nothing called {each!r}", each), ", ".join(SWITCHES))
         return cls(record, tuple(name for each in switches for name in SWITCHES[each]))
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return no components: `MeasuringChain` omits the correction of the named ones."""
         return ()

@@ -11,6 +11,7 @@ import numpy as np
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Known, Readings
 from torquebench.chain.torque import Component, Shapes, Shared, by_row
+from torquebench.elementwise import Values
 from torquebench.uncertainty import Distribution
 
 __all__ = ["Temperature"]
@@ -55,7 +56,7 @@ class Temperature(Effect):
         limits = (self.zero_nm_per_k, self.span_per_k)
         return tuple(name for name, limit in zip(_NAMES, limits, strict=True) if limit is None)
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return zero and span; the coefficients are the same for all readings of a transducer."""
         now, zeroed = readings.temperature_c, readings.zero_temperature_c
         components = []

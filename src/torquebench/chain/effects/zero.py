@@ -7,8 +7,9 @@ from math import sqrt
 from typing import ClassVar
 
 from torquebench.chain.effect import Effect, register
-from torquebench.chain.readings import FloatArray, Readings, known_or
+from torquebench.chain.readings import Readings, known_or
 from torquebench.chain.torque import Component, Shared
+from torquebench.elementwise import Values
 from torquebench.uncertainty import Distribution
 
 __all__ = ["Zero"]
@@ -40,7 +41,7 @@ class Zero(Effect):
         """Name the drift if its limit is unknown."""
         return ("zero drift",) if self.drift_nm_per_h is None else ()
 
-    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+    def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return the zero, and the drift's limit at its age as a rectangular distribution."""
         zero = Component("zero", Shared.ZEROING, known_or(readings.zero_nm, self.zero_nm))
         if self.drift_nm_per_h is None:

@@ -200,7 +200,7 @@ def test_a_torque_that_is_no_number_is_a_lost_signal_whatever_the_windows_say(
     bench.clock.wait(0.5)
     block = bench.acquisition.latest_block
     assert block is not None
-    missing = block.records["output_torque"].with_columns(reading_nm=np.nan)
+    missing = block.records["output_torque"].with_columns(reading_nm=np.full(5, np.nan))
     judge = SignalJudge(bench.description, bench.supervisor.limits, bench.commands)
     records = {**block.records, "output_torque": missing}
     violation, _ = judge.judge(replace(block, records=records))
