@@ -91,7 +91,7 @@ def parabola(
         bend[i] = line[i] * line[i]
         square += bend[i]
         cubic += line[i] * bend[i]
-    # orthogonal to a constant and to a line
+    # `bend`, the square of the time, is made orthogonal to a constant and to `line`
     share, mean_bend = cubic / square, square / size
     weight, mean, slope, curve = 0.0, 0.0, 0.0, 0.0
     for i in range(size):
@@ -102,9 +102,9 @@ def parabola(
         slope += line[i] * angle
         curve += bend[i] * angle
     mean, slope, curve = mean / size, slope / square, curve / weight
-    rest = 0.0
+    squares = 0.0
     for i in range(size):
         angle = count_rad * (counts[i] - counts[0])
-        rest += (angle - mean - slope * line[i] - curve * bend[i]) ** 2
-    noise = math.hypot(math.sqrt(rest / (size - 3)), count_rad / math.sqrt(12.0))
+        squares += (angle - mean - slope * line[i] - curve * bend[i]) ** 2
+    noise = math.hypot(math.sqrt(squares / (size - 3)), count_rad / math.sqrt(12.0))
     return curve, noise / math.sqrt(weight)

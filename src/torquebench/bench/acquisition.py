@@ -184,6 +184,7 @@ class Acquisition:
         return self._index
 
     def _run(self) -> None:
+        """Read and evaluate blocks until acquisition is stopped; any failure stops the bench."""
         if not self._clock.fast:
             prefer_this_thread()
         try:
@@ -392,6 +393,7 @@ class Acquisition:
         return self.channel(reference_channel(side))
 
     def _select(self) -> None:
+        """Time the torque channels of what is mounted, each with the zero last taken for it."""
         standard = self._description.standard(self._mounted)
         names = [torque_channel(side) for side in SIDES]
         if standard is not None:

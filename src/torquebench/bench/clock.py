@@ -147,13 +147,13 @@ class BenchClock:
                 activity.sent()
             loop.call_soon_threadsafe(settle, error)
 
-        sleeper = self._lie_down(time_s, wake)
+        sleeper = self._add_sleeper(time_s, wake)
         if sleeper is None:
             return
         try:
             await future
         finally:
-            self._get_up(sleeper)
+            self._remove_sleeper(sleeper)
 
     def wait(self, duration_s: float) -> None:
         """Sleep in bench time on the calling thread; raises errors like `sleep`."""
@@ -169,13 +169,13 @@ class BenchClock:
                 outcome.append(error)
             woken.set()
 
-        sleeper = self._lie_down(time_s, wake)
+        sleeper = self._add_sleeper(time_s, wake)
         if sleeper is None:
             return
         try:
             woken.wait()
         finally:  # Ctrl-C
-            self._get_up(sleeper)
+            self._remove_sleeper(sleeper)
         if outcome:
             raise outcome[0]
 
@@ -185,7 +185,7 @@ class BenchClock:
             self._required_s = max(self._required_s, time_s)
             self._condition.notify_all()
 
-    def _lie_down(self, time_s: float, wake: Wake) -> _Sleeper | None:
+    def _add_sleeper(self, time_s: float, wake: Wake) -> _Sleeper | None:
         """Register a sleeper; return None if its deadline has already passed."""
         with self._condition:
             if self._failure is not None:
@@ -197,7 +197,7 @@ class BenchClock:
             self._condition.notify_all()
             return sleeper
 
-    def _get_up(self, sleeper: _Sleeper) -> None:
+    def _remove_sleeper(self, sleeper: _Sleeper) -> None:
         with self._condition:
             if sleeper in self._sleepers:
                 self._sleepers.remove(sleeper)

@@ -146,6 +146,7 @@ class TransducerDescription(_Section):
 
     @model_validator(mode="after")
     def _plausible(self) -> Self:
+        """Refuse sensitivities that are far from the nominal one."""
         nominal = self.nominal_sensitivity_hz_per_nm
         for key in ("sensitivity_cw_hz_per_nm", "sensitivity_ccw_hz_per_nm"):
             value = getattr(self, key)
@@ -164,6 +165,7 @@ class TransducerDescription(_Section):
 
     @model_validator(mode="after")
     def _keys_of_its_signal(self) -> Self:
+        """Refuse keys that the kind of signal doesn't have, and the lack of those it needs."""
         ratio = {"signal_at_nominal", "signal_at_nominal_ccw"}
         amplifier = {"filter_delay_s", "signal_uncertainty_percent"}
         required = set() if self.signal == "frequency" else set(amplifier)
@@ -328,6 +330,7 @@ class ModuleDescription(_Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
+        """Refuse a range or a torque limit that the transducer can't have."""
         nominal = self.transducer.nominal_torque_nm
         if self.range_nm > nominal:
             raise ConflictError(
@@ -676,6 +679,7 @@ class BenchDescription(_Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
+        """Refuse duplicate serial numbers, unknown probes and standards that are too small."""
         self._check_serials()
         for side in ("input", "output"):
             module: ModuleDescription = getattr(self, side)
@@ -703,6 +707,7 @@ class BenchDescription(_Section):
             )
 
     def _check_serials(self) -> None:
+        """Refuse a serial number that two transducers or modules share."""
         holders: dict[str, str] = {}
         for key, serial in self.serials.items():
             role = key.partition(".")[2] or key

@@ -309,6 +309,7 @@ def check_enable(state: BenchState, side: Side) -> None:
 
 
 def _check_may_drive(state: BenchState, side: Side, what: str) -> None:
+    """Refuse a command to a drive during an alarm, in another mode or without power."""
     _check_no_alarm(state, Message("{what} on the {side} side", what, side))
     mode = state.mode(side)
     if mode != "driven":
@@ -472,6 +473,7 @@ def check_seating(state: BenchState) -> None:
 
 
 def _check_accessible(state: BenchState, mounting: Mounting) -> None:
+    """Refuse a change of the mounting with the clamp closed or a drive on."""
     if state.clamped():
         raise InterlockError(
             Message("mounting {what} with the clamp closed", mounting),

@@ -72,10 +72,10 @@ class Turned:
     def until(self, time_s: float) -> Turned:
         """Advance to a later time."""
         lasts_s = max(0.0, time_s - self.time_s)
-        apart = self.target_rad_s - self.speed_rad_s
-        whole_s = abs(apart) / self.rate if apart else 0.0
+        distance = self.target_rad_s - self.speed_rad_s
+        whole_s = abs(distance) / self.rate if distance else 0.0
         ramp_s = min(lasts_s, whole_s)
-        speed = self.speed_rad_s + apart * (ramp_s / whole_s if whole_s else 1.0)
+        speed = self.speed_rad_s + distance * (ramp_s / whole_s if whole_s else 1.0)
         angle = self.angle_rad + 0.5 * (self.speed_rad_s + speed) * ramp_s
         angle += self.target_rad_s * (lasts_s - ramp_s)
         return replace(self, angle_rad=angle, time_s=self.time_s + lasts_s, speed_rad_s=speed)
@@ -85,12 +85,12 @@ class Turned:
         before, late_s = self.until(point.told_s), point.told_s - point.asked_s
         if before.speed_rad_s != before.target_rad_s:  # the ramp continues from its present value
             late_s = max(late_s, self.late_s)
-        apart = abs(point.value - before.speed_rad_s)
+        distance = abs(point.value - before.speed_rad_s)
         return replace(
             before,
             uncertain_rad=before.uncertain_rad + abs(point.value - before.target_rad_s) * late_s,
             target_rad_s=point.value,
-            rate=min(point.rate, apart / point.within_s if point.within_s else math.inf),
+            rate=min(point.rate, distance / point.within_s if point.within_s else math.inf),
             late_s=late_s,
         )
 

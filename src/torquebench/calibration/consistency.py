@@ -285,6 +285,7 @@ class _Table:
 
     @classmethod
     def of(cls, data: CalibrationData, kept: NDArray[np.intp]) -> "_Table":
+        """Return the kept points as means over blocks, in units of range and scatter."""
         largest = float(np.max(np.abs(data.standard_nm)))
         u = data.standard_nm / largest
         if data.nominal_nm is not None:
@@ -332,9 +333,9 @@ def _blocks(legs: FloatArray, small: NDArray[np.bool_], most: int) -> NDArray[np
     begins = np.append(True, np.any(np.diff(legs, axis=0) != 0.0, axis=1))
     begins[1:] |= small[1:] != small[:-1]
     leg = np.cumsum(begins) - 1
-    place = np.arange(size) - np.flatnonzero(begins)[leg]
+    position = np.arange(size) - np.flatnonzero(begins)[leg]
     width = max(1, -(-size // most))
-    return np.cumsum(begins | (place % width == 0)) - 1
+    return np.cumsum(begins | (position % width == 0)) - 1
 
 
 def _scatter(u: FloatArray, error: FloatArray, legs: FloatArray) -> float:
@@ -410,6 +411,7 @@ class _Description:
         diagonal = np.diag_indices_from(fixed)
 
         def loss(amplitudes: FloatArray) -> tuple[float, FloatArray]:
+            """Return the negative logarithm of the posterior density and its gradient."""
             powers, noise = np.exp(2.0 * amplitudes[:-2]), self._noise(amplitudes)
             covariance = fixed + np.tensordot(powers, self.shapes, 1)
             covariance[diagonal] += noise
@@ -453,15 +455,15 @@ def _inverse(matrix: FloatArray) -> tuple[FloatArray, float]:
 def _parts(table: _Table) -> Iterator[tuple[str, FloatArray]]:
     """Yield the covariance of each part with amplitude one."""
     u, size, branch = table.u, np.abs(table.u), table.branch
-    apart = np.abs(u[:, None] - u[None, :])
+    distance = np.abs(u[:, None] - u[None, :])
     alike = (table.direction[:, None] == table.direction[None, :]).astype(np.float64)
     grown = np.sqrt(np.outer(size, size)) * alike
 
     def smooth(length: float) -> FloatArray:
-        return np.exp(-0.5 * (apart / length) ** 2)
+        return np.exp(-0.5 * (distance / length) ** 2)
 
     def jagged(length: float) -> FloatArray:
-        far = np.sqrt(3.0) * apart / length
+        far = np.sqrt(3.0) * distance / length
         return np.asarray((1.0 + far) * np.exp(-far))
 
     yield "smooth", grown * smooth(0.5)
@@ -494,8 +496,8 @@ def _parts(table: _Table) -> Iterator[tuple[str, FloatArray]]:
             # Dry friction has a part that is the same at all torques and one that grows with them.
             with_torque = 0.49 * (1.0 + np.outer(size, size)) + 0.02 * alike_in_size
             # A part of it may remain at the reversal itself.
-            rest = sign * np.exp(-turning)
-            shape = np.outer(dry, dry) + np.outer(rest, rest)
+            remainder = sign * np.exp(-turning)
+            shape = np.outer(dry, dry) + np.outer(remainder, remainder)
             yield f"{name} of friction", shape * either * with_torque
         yield "slip", np.outer(branch, branch) * alike * jagged(0.1)
     time = np.arange(u.size) / max(u.size - 1, 1)

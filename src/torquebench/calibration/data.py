@@ -516,6 +516,7 @@ class CalibrationData:
     def _error_of_means(
         self, label: NDArray[np.intp], count: NDArray[np.intp]
     ) -> NDArray[np.float64]:
+        """Return the standard error of the mean error of each labelled group, N·m."""
         error = self.additional_torque_nm
         mean = np.bincount(label, weights=error) / count
         squares = np.bincount(label, weights=(error - mean[label]) ** 2)
@@ -663,6 +664,7 @@ def plainest(value: float, within: float) -> float:
 
 
 def _branch_of_series(torque: NDArray[np.float64], tolerance: float) -> NDArray[np.int8]:
+    """Return the branch of each point from the changes of the torque within a series."""
     growth = np.diff(np.abs(torque))
     step = np.where(growth > tolerance, 1, np.where(growth < -tolerance, -1, 0))
     loaded = np.abs(torque) > tolerance
@@ -687,6 +689,7 @@ def _renumbered(parts: Iterable[NDArray[np.int64]]) -> Iterable[NDArray[np.int64
 
 
 def _column(name: str, value: ArrayLike, n: int) -> NDArray[Any]:
+    """Return a column as an array of n finite numbers, or refuse it."""
     try:
         column = np.array(branch_values(value) if name == "branch" else value, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -734,6 +737,7 @@ def _check_branch(branch: NDArray[np.int8]) -> None:
 
 
 def _check_range(standard: NDArray[np.float64], range_nm: float) -> None:
+    """Refuse a standard's torque beyond the range, margin included."""
     limit = range_nm * (1 + RANGE_MARGIN)
     worst = int(np.argmax(np.abs(standard)))
     if abs(standard[worst]) > limit:

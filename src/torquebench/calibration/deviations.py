@@ -280,6 +280,7 @@ def _deviation(
 
 
 def _expected(profile: Profile) -> Iterator[_Expected]:
+    """Yield the series that a profile requires."""
     loading = profile.loading
     signs = [1 if name == "clockwise" else -1 for name in loading.directions]
     per_series = [0] if loading.pattern == "cycle" and len(signs) == 2 else signs
@@ -296,6 +297,7 @@ def _expected(profile: Profile) -> Iterator[_Expected]:
 
 
 def _missing(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
+    """Yield a deviation for each series or step that the profile requires and the data lack."""
     if profile.loading.pattern == "random":
         return
     left = _series_present(data)
@@ -363,6 +365,7 @@ def _missing_steps(
     expected: _Expected,
     decreasing: bool,
 ) -> Iterator[Deviation]:
+    """Yield a deviation for the steps that a series lacks."""
     if data.nominal_nm is None:
         return
     loading = profile.loading
@@ -398,6 +401,7 @@ def _missing_steps(
 
 
 def _steps_off(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
+    """Yield a deviation for each series with steps too far from their nominal torque."""
     tolerance = profile.loading.step_tolerance_percent
     if tolerance is None or data.nominal_nm is None:
         return
@@ -431,6 +435,7 @@ def _steps_off(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
 
 
 def _zero_returns(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
+    """Yield a deviation for each series without a zero at its end, or with one too far off."""
     loading, limit = profile.loading, profile.zero.return_limit_percent
     returned = data.unloaded & (data.branch < 0)
     if loading.zero_return:
@@ -466,6 +471,7 @@ def _zero_returns(data: CalibrationData, profile: Profile) -> Iterator[Deviation
 
 
 def _reference(record: CalibrationRecord, profile: Profile) -> Iterator[Deviation]:
+    """Yield a deviation if the standard's certificate wasn't valid on the day."""
     reference, performed = record.reference, record.performed.date()
     if not profile.reference.in_date:
         return
@@ -496,6 +502,7 @@ def _reference(record: CalibrationRecord, profile: Profile) -> Iterator[Deviatio
 
 
 def _temperature(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
+    """Yield a deviation if the temperature drifted too far during the calibration."""
     if data.temperature_c is None:
         return
     drift = float(np.ptp(data.temperature_c))

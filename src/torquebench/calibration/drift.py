@@ -292,9 +292,9 @@ def predict_drift(
     if not (np.isfinite(tolerance) and tolerance > 0):
         raise InputError(Message("tolerance {tolerance}", tolerance), "a finite tolerance above 0")
     line = stats.linregress(years, x)
-    rest = x - line.intercept - line.slope * years
+    residual = x - line.intercept - line.slope * years
     freedom = x.size - 2
-    scatter = float(np.sqrt(np.sum(rest**2) / freedom))
+    scatter = float(np.sqrt(np.sum(residual**2) / freedom))
     spread = float(np.sum((years - years.mean()) ** 2))
     factor = float(stats.t.ppf(0.5 + level / 2.0, freedom))
     grid = years.max() + np.linspace(0.0, horizon_years, 3651)

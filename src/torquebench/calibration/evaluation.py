@@ -433,6 +433,7 @@ def _reversibility(series: Sequence[LoadingSeries], mean: FloatArray) -> FloatAr
 
 
 def _interpolate(torque: FloatArray, mean: FloatArray, degree: int) -> Interpolation:
+    """Fit a polynomial without a constant to the mean deflections."""
     # Torques scaled to 1 keep the powers well conditioned; one refinement step removes the rounding
     # error of the residual, which matters because f_a is a small difference of large numbers.
     largest = float(torque[-1])
@@ -455,6 +456,7 @@ def _check(
     resolution: float,
     reference_uncertainty_percent: float | FloatArray,
 ) -> None:
+    """Refuse steps and series that a static evaluation can't take."""
     if torque.size < 2 or not np.all(np.diff(torque, prepend=0.0) > 0):
         raise InputError(
             Message("steps {torque} N·m", torque.tolist()),

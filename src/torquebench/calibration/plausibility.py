@@ -289,6 +289,7 @@ def rows_in_words(data: CalibrationData, first: int, last: int | None = None) ->
 
 
 def _place(data: CalibrationData, part: Disagreement) -> str:
+    """Return in words between which points a disagreement lies."""
     first, last = part.first, part.last
     words = Message(
         "{rows} (series {series}, {start:.6g} N·m to {end:.6g} N·m)",
@@ -372,6 +373,7 @@ def _exceeded(
 def _over(
     kind: ContradictionKind, found: str, percent: float, limit: float, cause: str
 ) -> Iterator[Contradiction]:
+    """Yield a contradiction if a share exceeds its limit or is unknown."""
     if not percent <= limit:
         of_span = kind in ("span", "directions")
         allowed = (
@@ -447,11 +449,11 @@ def _repeats(data: CalibrationData, limit: float) -> Iterator[Contradiction]:
     labels, error = _steps(data)
     keys = np.stack([labels, data.branch.astype(np.int64)], axis=1)
     step_of = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
-    left = error - _means(step_of, error, np.ones(len(data), dtype=np.bool_))[step_of]
+    residual = error - _means(step_of, error, np.ones(len(data), dtype=np.bool_))[step_of]
     freedom = len(data) - int(step_of.max()) - 1
     if freedom < 1:
         return
-    percent = 100.0 * float(np.sqrt(np.sum(left**2) / freedom))
+    percent = 100.0 * float(np.sqrt(np.sum(residual**2) / freedom))
     yield from _over(
         "repeats",
         Message("repeated steps scatter by {found:.2g} % of full scale over the series", percent),
@@ -462,6 +464,7 @@ def _repeats(data: CalibrationData, limit: float) -> Iterator[Contradiction]:
 
 
 def _zeros(data: CalibrationData, limit: float) -> Iterator[Contradiction]:
+    """Yield a contradiction for reading or standard too far from zero without load."""
     unloaded = np.flatnonzero(data.unloaded)
     for name, column in (("reading", data.reading_nm), ("standard", data.standard_nm)):
         if unloaded.size:
@@ -485,6 +488,7 @@ def _zeros(data: CalibrationData, limit: float) -> Iterator[Contradiction]:
 
 
 def _spans(data: CalibrationData, limits: Plausibility) -> Iterator[Contradiction]:
+    """Yield contradictions of spans: to the standard's, and between the directions."""
     from torquebench.calibration.drift import span_errors
 
     spans = span_errors(data)

@@ -110,6 +110,7 @@ class Loading(_Settings):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
+        """Refuse keys that contradict each other or don't belong to the pattern."""
         if (self.step_percent is None) == (not self.steps_percent):
             raise ValueError("give exactly one of step_percent and steps_percent")
         if list(self.steps_percent) != sorted(set(self.steps_percent)):
@@ -220,6 +221,7 @@ class Profile(_Settings):
 
     @model_validator(mode="after")
     def _places_points_on_branches(self) -> Self:
+        """Refuse adaptive points without a coarse ladder on both branches, or fewer than it has."""
         if self.adaptive is None:
             return self
         if self.loading.pattern != "ladder" or [each.series for each in self.positions] != [
@@ -504,6 +506,7 @@ class _Staircase:
         return steps
 
     def _one_series(self, shape: Series, position: Position, signs: Sequence[int]) -> list[Step]:
+        """Return the steps of one series by the profile's pattern."""
         steps: list[Step] = []
         path: Iterable[tuple[Literal["point", "turn"], float, int]]
         if self.profile.loading.pattern != "random":
@@ -539,6 +542,7 @@ class _Staircase:
     def _random_path(
         self, signs: Sequence[int]
     ) -> Iterator[tuple[Literal["point", "turn"], float, int]]:
+        """Yield random points of each direction, rising and then falling, with the turn between."""
         loading = self.profile.loading
         assert loading.points is not None
         assert self.rng is not None
@@ -574,6 +578,7 @@ class _Staircase:
         branch: int,
         duration_s: float,
     ) -> Step:
+        """Return a step of the present series, its torque in percent of the range."""
         return Step(
             kind=kind,
             series=self.series,

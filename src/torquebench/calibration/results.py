@@ -222,6 +222,7 @@ def _side(
     reference: CertifiedUncertainty,
     degree: int,
 ) -> SideBySide:
+    """Evaluate one direction of the loading beside its classification."""
     torque = loading.torque_nm
     evaluation = evaluate_static(
         torque,

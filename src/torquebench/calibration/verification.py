@@ -315,6 +315,7 @@ def verify(
 def _verified(
     name: str, torque: NDArray[np.float64], data: CalibrationData, places: "_Places"
 ) -> ModelVerification:
+    """Return a model's errors on the verification's points, by series and on average."""
     truth = data.true_torque_nm
     reference = data.standard_nm if truth is None else truth
     groups = tuple(
@@ -375,6 +376,7 @@ class _Places:
         return cls(label.reshape(-1), data.range_nm, rule)
 
     def _mean(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the mean of each group of equal points."""
         return np.bincount(self.label, weights=values) / np.bincount(self.label)
 
     def averaged(self, error: NDArray[np.float64], reference: NDArray[np.float64]) -> ErrorSummary:

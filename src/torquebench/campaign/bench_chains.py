@@ -129,5 +129,6 @@ def _side(data: CalibrationData) -> Side:
 
 
 def _standard_c(data: CalibrationData) -> tuple[float, ...]:
+    """Return the standard's lowest and highest temperature, °C; empty if it wasn't measured."""
     standard = data.standard_temperature_c
     return () if standard is None else (float(np.min(standard)), float(np.max(standard)))

@@ -171,6 +171,7 @@ def _fit_as_begun(
 def _register(
     registry: Registry, measured: Measured[StaircaseResult], fitted: FittedCalibration
 ) -> FinishedCalibration:
+    """Store the fitted models' files and enter the calibration into the registry."""
     data, run_id, active = measured.result.data, measured.record.run_id, fitted.active
     if any(item.contradictions for item in fitted.models if item.name == active):
         active = None

@@ -225,6 +225,7 @@ def _compared(registry: Registry, entry: CalibrationEntry) -> ComparedCalibratio
 
 
 def _common(before: CalibrationEntry, after: CalibrationEntry) -> tuple[float, float]:
+    """Return the range that two calibrations have in common, N·m."""
     low = max(before.valid_nm[0], after.valid_nm[0])
     high = min(before.valid_nm[1], after.valid_nm[1])
     if not low < high:
@@ -251,6 +252,7 @@ def _same_standard(before: ComparedCalibration, after: ComparedCalibration) -> b
 def _steps(
     chains: list[MeasuringChain], low: float, high: float, *, same_standard: bool
 ) -> tuple[CalibrationStep, ...]:
+    """Compare two calibrations' torques, with U of the change, at equal readings."""
     shares = np.arange(1, STEPS + 1) / STEPS
     sides = [shares * end for end in (min(low, 0.0), max(high, 0.0)) if end]
     reading = np.concatenate(sides)
@@ -351,11 +353,12 @@ def _by_name(torque: Torque) -> dict[tuple[str, int], Component]:
 def _remarks(
     registry: Registry, before: CalibrationEntry, after: CalibrationEntry
 ) -> tuple[str, ...]:
-    said: list[str] = []
+    """Name the circumstances in which two calibrations differ."""
+    remarks: list[str] = []
     for place, direction in ((1, "clockwise"), (0, "counter-clockwise")):
         reached = [abs(entry.valid_nm[place]) for entry in (before, after)]
         if abs(reached[1] - reached[0]) > SAME_RANGE * max(reached):
-            said.append(
+            remarks.append(
                 Message(
                     "{direction} the calibrations reach {before_nm:g} and {after_nm:g} N·m: "
                     "only the common range is compared",
@@ -370,7 +373,7 @@ def _remarks(
         ("profile", before.profile_name, after.profile_name),
     ):
         if one != other:
-            said.append(
+            remarks.append(
                 Message(
                     "another {what}: {one}, then {other}",
                     what,
@@ -378,9 +381,9 @@ def _remarks(
                     other or "unknown",
                 )
             )
-    said += [
+    remarks += [
         Message("the transducer was adjusted between them, {performed:%Y-%m-%d}", each.performed)
         for each in registry.adjustments(before.transducer_serial)
         if before.performed < each.performed <= after.performed
     ]
-    return tuple(said)
+    return tuple(remarks)

@@ -216,6 +216,7 @@ def _evaluate(
 def _register(
     registry: Registry, measured: Measured[StaircaseResult], result: CheckResult
 ) -> CheckResult:
+    """Enter a check into the registry, unless that was done before an interruption."""
     asked = measured.record.metadata[REGISTERS]
     summary: dict[str, Any] = {
         "signed_worst_percent_fs": result.worst_percent_fs,

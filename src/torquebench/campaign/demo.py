@@ -195,6 +195,7 @@ def _verify(
     recommended: str,
     progress: Progress,
 ) -> ModuleResult:
+    """Verify one module on fresh points and enter the result."""
     models = calibrated.registered.models
     verified = measure_verification(
         station,

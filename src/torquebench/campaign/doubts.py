@@ -45,6 +45,6 @@ def expired_standards(
         standard = (
             description.calibrator if what == CALIBRATOR else description.verification_standard
         )
-        said = expired_standard(registry, what, standard.serial, standard.certificate_due)
-        if said:
-            yield said
+        doubt = expired_standard(registry, what, standard.serial, standard.certificate_due)
+        if doubt:
+            yield doubt

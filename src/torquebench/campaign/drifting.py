@@ -272,6 +272,7 @@ def _series(
     *,
     calibrations: bool,
 ) -> DriftSeries:
+    """Return a quantity over time with the chart, trend and prediction that its values allow."""
     moments = [moment for moment, _, _ in known]
     values = [value for _, value, _ in known]
     enough = len(values) >= LEAST_VALUES

@@ -221,6 +221,7 @@ def _metadata(
     operator: str,
     signature: Signature,
 ) -> dict[str, Any]:
+    """Return the metadata of the run that keeps an external calibration."""
     reference = circumstances.reference
     return {
         "simulated": data.simulated,

@@ -430,6 +430,7 @@ def _contradictions(
     limits: Plausibility | None,
     before: CompensationModel | None,
 ) -> tuple[Contradiction, ...]:
+    """Return what contradicts a fitted model: its data, plausibility and the model before."""
     torque = earlier = None
     if before is not None and feature_columns(before) <= COMPARED_COLUMNS:
         torque = np.full(len(data), np.nan)

@@ -86,7 +86,7 @@ def evaluate_module(
             fit_seconds=seconds,
             torque_nm=torque_nm,
             verification=result.of(name),
-            **_dense(chain, dense, data.range_nm),
+            **_errors_of_sweep(chain, dense, data.range_nm),
         )
         for name, title, model, seconds, torque_nm, chain in (
             (RAW, model_title(RAW), None, 0.0, data.reading_nm, None),
@@ -111,9 +111,10 @@ def evaluate_module(
     return module, result
 
 
-def _dense(
+def _errors_of_sweep(
     chain: MeasuringChain | None, sweep: DenseSweep | None, range_nm: float
 ) -> dict[str, Any]:
+    """Return a dense sweep's compensated torques and their errors by the twin's truth."""
     if sweep is None:
         return {}
     torque = sweep.reading_nm

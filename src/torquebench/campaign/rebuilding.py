@@ -198,6 +198,7 @@ def _enter(registry: Registry, path: Path, done: Rebuilt) -> None:
 
 
 def _enter_calibration(registry: Registry, folder: RunFolder, done: Rebuilt) -> None:
+    """Enter the calibration of a run's folder again, with the models that were fitted to it."""
     metadata, results = folder.metadata, folder.results
     kind = str(metadata.get("kind", ""))
     measured = isinstance(results, Mapping) and isinstance(results.get("data"), Mapping)

@@ -330,6 +330,7 @@ def resume_calibration(
 
 
 def _check_clause(interrupted: InterruptedCalibration, now: datetime) -> None:
+    """Refuse an interruption that the profile doesn't allow or that lasted too long."""
     profile = interrupted.profile
     clause = profile.interruption
     if clause is not None and clause.resume == "never":
@@ -349,6 +350,7 @@ def _check_clause(interrupted: InterruptedCalibration, now: datetime) -> None:
 
 
 def _check_bench(station: Station, interrupted: InterruptedCalibration) -> None:
+    """Refuse a bench with another transducer, counter or standard than before the interruption."""
     description, known = station.description, interrupted.known
     module = description.module(interrupted.side)
     for what, there, here in (

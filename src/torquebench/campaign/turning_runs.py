@@ -256,6 +256,7 @@ def _remarks(
 
 
 def _write(target: Path, table: EmptyTable, station: Station, profile: TurningProfile) -> None:
+    """Write an empty run's table with its circumstances as remarks."""
     scale = station.description.module(table.side).transducer.scale()
     remarks = {
         **_remarks(station, table.side, profile, table.series_done),

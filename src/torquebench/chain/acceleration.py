@@ -98,6 +98,7 @@ class AccelerationBySpeed:
         return slope, deviation
 
     def _run(self, time_s: FloatArray, speed_rpm: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return slope and uncertainty of the speed in one run without gaps, in rad/s²."""
         count = speed_rpm.size
         slope, change = np.zeros((2, count))
         for half in range(min(self.half_width, (count - 1) // 2), 0, -1):

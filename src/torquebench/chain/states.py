@@ -112,6 +112,7 @@ def not_in_u(missing: Sequence[str]) -> Message | None:
 
 
 def _standing(effect: Effect, readings: Readings, torque: Torque) -> tuple[Standing, str]:
+    """Return whether an effect holds for a reading, and why not."""
     refused = effect.outside(readings)
     if refused is not None:
         return "outside", Message("{found}, allowed {allowed}", refused.found, refused.allowed)

@@ -285,10 +285,10 @@ class Torque:
             for each in self.components
             if each.shared is Shared.NOTHING
         )
-        left = standard_error_nm**2 - in_scatter_nm**2 - noise
+        missing = standard_error_nm**2 - in_scatter_nm**2 - noise
         parts = tuple(
-            each._replace(uncertainty_nm=np.sqrt(np.square(each.uncertainty_nm) + left))
-            if each.name == NOISE and left > 0.0
+            each._replace(uncertainty_nm=np.sqrt(np.square(each.uncertainty_nm) + missing))
+            if each.name == NOISE and missing > 0.0
             else each
             for each in self.components
         )

@@ -346,9 +346,9 @@ class CompensationModel(Estimator, ABC):
         torque = self.predict(within) + (rows[:, 0] - within[:, 0])
         truth = np.asarray(y, dtype=np.float64).ravel()
         weights = np.ones(truth.size) if sample_weight is None else np.asarray(sample_weight)
-        left = float(np.sum(weights * (truth - torque) ** 2))
+        residual = float(np.sum(weights * (truth - torque) ** 2))
         whole = float(np.sum(weights * (truth - np.average(truth, weights=weights)) ** 2))
-        return 1.0 - left / whole if whole > 0.0 else float(left == 0.0)
+        return 1.0 - residual / whole if whole > 0.0 else float(residual == 0.0)
 
     def single_reading_std(self, X: ArrayLike) -> FloatArray:
         """Return the standard uncertainty of single compensated readings: curve and scatter.
@@ -464,6 +464,7 @@ class CompensationModel(Estimator, ABC):
             raise explain_rejection(problem, X) from problem
 
     def _set_range(self, reading: FloatArray, torque: FloatArray) -> None:
+        """Set full scale and the limits of the readings, margin included."""
         largest = float(np.max(np.abs(reading)))
         self.full_scale_nm_ = largest if self.range_nm is None else float(self.range_nm)
         beyond = float(np.max(np.abs(torque)))
@@ -498,6 +499,7 @@ class CompensationModel(Estimator, ABC):
         return self.full_scale_nm_ if within else largest_nm
 
     def _refuse_outside_range(self, reading: FloatArray) -> None:
+        """Refuse readings outside the calibrated range."""
         outside = (reading < self.reading_low_nm_) | (reading > self.reading_high_nm_)
         if np.any(outside):
             index = int(np.argmax(outside))

@@ -340,12 +340,12 @@ def _neighbours(reading: FloatArray, stratum: NDArray[np.intp], maximum: int) ->
         here = np.flatnonzero(stratum == name)
         half = max(4, maximum * here.size // (2 * stratum.size))
         many = np.arange(here.size) * half // here.size
-        place = half * (reading[here] - reading[0]) / width
+        position = half * (reading[here] - reading[0]) / width
         starts = np.flatnonzero(np.diff(many, prepend=-1) > 0)
         ends = np.append(starts[1:], here.size) - 1
-        wide = np.repeat(place[ends] - place[starts] > 2.0, ends - starts + 1)
-        apart = (np.diff(many) > 0) | (wide[1:] & (np.diff(np.floor(place)) > 0))
-        group[here] = first + np.concatenate([[0], np.cumsum(apart)])
+        wide = np.repeat(position[ends] - position[starts] > 2.0, ends - starts + 1)
+        separate = (np.diff(many) > 0) | (wide[1:] & (np.diff(np.floor(position)) > 0))
+        group[here] = first + np.concatenate([[0], np.cumsum(separate)])
         first = int(group[here[-1]]) + 1
     return group
 

@@ -68,8 +68,8 @@ class _Process(HybridModel):
         shares, points = self._average.shares, Points(reading_nm / self.scale_nm_, branch)
         curves = [member.curve(points) for member in self._average.members]
         means = np.array([mean for mean, _ in curves])
-        apart = means - shares @ means
-        total = (apart.T * shares) @ apart
+        deviation = means - shares @ means
+        total = (deviation.T * shares) @ deviation
         for share, (_, factors) in zip(shares, curves, strict=True):
             total += share * factors @ factors.T
         return np.asarray((self.scale_nm_ * self._average.unit) ** 2 * total)

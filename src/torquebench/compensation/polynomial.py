@@ -204,6 +204,7 @@ class PolynomialModel(FormModel):
         return self.degree + (0 if self.through_zero else 1)
 
     def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, _progress: Progress) -> None:
+        """Fit one polynomial to all readings, or one to each direction."""
         reading = X[:, 0]
         sides = [np.ones(reading.size, dtype=bool)]
         if self.per_direction:

@@ -176,6 +176,7 @@ class RadialBasisModel(FormModel):
         return 8
 
     def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress) -> None:
+        """Search widths and centres by a swarm, then by descent; keep the better network."""
         reading = X[:, 0]
         self.input_scaling_ = SpanScaling.of(reading)
         self.output_scaling_ = SpanScaling.of(y - reading)
@@ -193,6 +194,7 @@ class RadialBasisModel(FormModel):
     def _swarm(
         self, x: FloatArray, target: FloatArray, weights: FloatArray, progress: Progress
     ) -> RadialBasis:
+        """Return the network with the least leave-one-out error in a particle swarm."""
         generator = np.random.default_rng(self.random_state)
         count = min(self.neurons, max(1, x.size // 4))
         low = np.concatenate(

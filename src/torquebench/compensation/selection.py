@@ -148,7 +148,7 @@ def behind_raw(
         return ""
     percent = 100.0 / full_scale_nm
     why = model.shortcoming(left_out.rms_nm)
-    said = Message(
+    found = Message(
         "{name} is worse than the raw reading at steps that it wasn't fitted to: "
         "{worst:.3g} % FS at worst and {rms:.3g} % FS RMS; the raw "
         "reading's errors are {raw_worst:.3g} and {raw_rms:.3g} % FS",
@@ -158,7 +158,7 @@ def behind_raw(
         percent * raw.worst_nm,
         percent * raw.rms_nm,
     )
-    return Message.joined((said, why), "; ") if why else said
+    return Message.joined((found, why), "; ") if why else found
 
 
 def worse_than_raw(
@@ -497,6 +497,7 @@ def _score(
     full_scale: float,
     model: CompensationModel,
 ) -> ModelScore:
+    """Return the figures of a model's errors in cross-validation."""
     groups = np.unique(step, return_inverse=True)[1]
     means = np.bincount(groups, error) / np.bincount(groups)
     large = np.abs(torque) >= _PERCENT_OF_READING_FROM * full_scale
@@ -517,6 +518,7 @@ def _score(
 
 
 def _checked(X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return features and torques as finite arrays of one length, or refuse them."""
     features = np.asarray(by_names(X), dtype=np.float64)
     torque = np.asarray(y, dtype=np.float64).ravel()
     if features.ndim != 2 or features.shape[0] != torque.size:

@@ -247,6 +247,7 @@ def compile_table(
     def follow(
         curve: Curve, gain: float, name: str, within: float, largest: int = LARGEST
     ) -> PiecewisePolynomial:
+        """Approximate a curve of the model over its range by a piecewise polynomial."""
         limits = (float(model.reading_low_nm_), float(model.reading_high_nm_))
         return approximate(
             curve,

@@ -171,6 +171,7 @@ class _Prepared:
 
 
 def _prepare(run: Known) -> _Prepared:
+    """Check a run, and return its reading and the spectrum of its torque."""
     reading, torque = (np.asarray(each, np.float64) for each in (run.reading_nm, run.torque_nm))
     if reading.ndim != 1 or reading.shape != torque.shape or reading.size < 50:
         raise InputError(
@@ -200,8 +201,8 @@ def _prepare(run: Known) -> _Prepared:
 
 def _covariance(function: Callable[[FloatArray], FloatArray], free: FloatArray) -> FloatArray:
     """Return the covariance of the estimate, with the correlation of the deviations over time."""
-    left = function(free)
-    slopes = np.empty((left.size, free.size))
+    residual = function(free)
+    slopes = np.empty((residual.size, free.size))
     for k in range(free.size):
         step = np.zeros(free.size)
         step[k] = 1e-4 if k < 2 else 0.005
@@ -210,15 +211,15 @@ def _covariance(function: Callable[[FloatArray], FloatArray], free: FloatArray) 
     spread = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     inverse = np.linalg.pinv(normal / np.outer(spread, spread), rcond=1e-14)
     inverse /= np.outer(spread, spread)
-    count = left.size - free.size - 2
-    middle = float(left @ left) / count * normal
-    for lag in range(1, min(_CORRELATED_LAGS, left.size // 10)):
+    count = residual.size - free.size - 2
+    middle = float(residual @ residual) / count * normal
+    for lag in range(1, min(_CORRELATED_LAGS, residual.size // 10)):
         weight = 1.0 - lag / _CORRELATED_LAGS
-        shared = float(left[lag:] @ left[:-lag]) / count
+        shared = float(residual[lag:] @ residual[:-lag]) / count
         product = slopes[lag:].T @ slopes[:-lag]
         middle += weight * shared * (product + product.T)
     robust = inverse @ middle @ inverse
-    plain = float(left @ left) / count * inverse
+    plain = float(residual @ residual) / count * inverse
     larger = np.sqrt(np.maximum(np.diag(robust) / np.diag(plain), 1.0))
     return np.asarray(plain * np.outer(larger, larger))
 
@@ -343,9 +344,9 @@ def identify_inertia(
             remedy,
         )
     solution, *_ = np.linalg.lstsq(scaled, mean, rcond=None)
-    left = mean - scaled @ solution
-    variance = float(left @ left) / (blocks - int(used.sum()))
-    shared = float(left[1:] @ left[:-1]) / max(float(left @ left), 1e-300)
+    residual = mean - scaled @ solution
+    variance = float(residual @ residual) / (blocks - int(used.sum()))
+    shared = float(residual[1:] @ residual[:-1]) / max(float(residual @ residual), 1e-300)
     variance *= max((1.0 + shared) / max(1.0 - shared, 0.05), 1.0)
     inertia = float(solution[0] / norms[0])
     u = sqrt(variance) / (distinct * float(norms[0]))

@@ -229,8 +229,10 @@ def _ripples(rows: FloatArray, interval_s: float) -> list[float]:
     power = np.sum(np.square(np.abs(np.fft.rfft(tail, size, axis=1))), axis=0)
     frequency = np.fft.rfftfreq(size, interval_s)
     low, high = _RIPPLE_HZ
-    most = float(frequency[np.argmax(np.where((frequency > low) & (frequency < high), power, 0.0))])
-    return [most, max(0.5 * most, low)]
+    peak_hz = float(
+        frequency[np.argmax(np.where((frequency > low) & (frequency < high), power, 0.0))]
+    )
+    return [peak_hz, max(0.5 * peak_hz, low)]
 
 
 def _after(steps: Steps) -> FloatArray:
@@ -284,6 +286,7 @@ def identify_delay(steps: Steps, sines: Sequence[Sine] = ()) -> Delay:
 
 
 def _delay_by_steps(steps: Steps) -> Delay:
+    """Fit the reading's delay to the standard in the steep part of each step."""
     reading, standard = steps.reading_nm, steps.standard_nm
     rate = np.gradient(standard, steps.interval_s, axis=1)
     reach = max(2, round(_STEEP_S / steps.interval_s))
@@ -300,9 +303,16 @@ def _delay_by_steps(steps: Steps) -> Delay:
     if not power > 0.0:
         raise InputError("steps in which the reference doesn't change", "steps of torque", _REMEDY)
     slope = float(x @ y) / power
-    left = y - slope * x
+    residual = y - slope * x
     scores = [float(a @ (b - slope * a)) for a, b in zip(rates, moved, strict=True)]
-    u = sqrt(max(float(np.sum(np.square(scores))), float(left @ left) / left.size * power)) / power
+    u = (
+        sqrt(
+            max(
+                float(np.sum(np.square(scores))), float(residual @ residual) / residual.size * power
+            )
+        )
+        / power
+    )
     return Delay(-slope, u)
 
 
@@ -329,11 +339,11 @@ def _phase(sine: Sine) -> tuple[float, float, float]:
     basis = np.column_stack(columns)
     both = np.column_stack([sine.reading_nm, sine.standard_nm])
     weights, *_ = np.linalg.lstsq(basis, both, rcond=None)
-    left = both - basis @ weights
+    residual = both - basis @ weights
     turned = weights[2] - 1j * weights[3]
     size = np.abs(turned)
     shared = max(1.0, 0.01 / sine.interval_s)  # deviations are correlated over 10 ms
-    u = np.sqrt(2.0 * shared * np.mean(np.square(left), axis=0) / count) / size
+    u = np.sqrt(2.0 * shared * np.mean(np.square(residual), axis=0) / count) / size
     return rate, float(np.angle(turned[0] / turned[1])), float(np.hypot(*u))
 
 

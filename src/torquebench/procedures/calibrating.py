@@ -206,6 +206,7 @@ def _staircase(
     table: _Table,
     check: StandardCheck,
 ) -> Plan[StaircaseResult]:
+    """Load the steps of a profile with everything around them, and return the table."""
     range_nm = _range_nm(devices, setup.side)
     points = sum(step.recorded for step in steps)
     if profile.adaptive is not None:
@@ -221,6 +222,7 @@ def _staircase(
     metadata = start_metadata(devices, plan_name, points, setup.side, profile=known)
 
     def load() -> Plan[None]:
+        """Load the profile's steps, or the adaptive ones after its coarse steps."""
         if profile.adaptive is None:
             yield from load_staircase(devices, setup, steps, table.add, check=check)
             return

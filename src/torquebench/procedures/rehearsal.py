@@ -182,7 +182,8 @@ class _Stage:
             self.now_s = began_s
 
     def _set(self, device: Any, value: Any) -> None:
-        rehearse = getattr(device, "rehearse", None)  # without a reading nothing depends on it
+        """Apply a device's new value to the planned state, and note it as a move."""
+        rehearse = getattr(device, "rehearse", None)  # other devices don't change the bench
         if rehearse is not None:
             self.now_s += rehearse(self.planned, value) or 0.0
         if isinstance(device, Device) and device is not self.devices.point:
@@ -218,6 +219,7 @@ class _Stage:
         return {}
 
     def _steady(self, side: Side) -> dict[str, Any]:
+        """Return the steady values that a rehearsed drive would give."""
         planned = self.planned
         torque_nm, speed_rad_s = planned.commanded(side)
         scale = planned.description.module(side).transducer.scale()

@@ -160,10 +160,10 @@ def _crossing(time: Floats, angle: Floats, threshold: float) -> tuple[int, Float
     while True:
         line = np.polyfit(time[:quiet] - time[0], angle[:quiet], 1)
         line = np.array([line[0], line[1] - line[0] * time[0]])
-        rest = angle - np.polyval(line, time)
-        noise = float(np.std(rest[:quiet], ddof=2))
+        residual = angle - np.polyval(line, time)
+        noise = float(np.std(residual[:quiet], ddof=2))
         level = max(SIGNIFICANT * max(noise, floor), threshold, 1e-15)
-        beyond = np.abs(rest) > level
+        beyond = np.abs(residual) > level
         inside = np.flatnonzero(~beyond)
         last = int(inside[-1]) if inside.size else -1
         crossing = last + 1
@@ -207,13 +207,13 @@ def _creeping(
         return None
     rows = slice(angle.size // 10, int(edges[slow[-1]]))
     creep = np.polynomial.Polynomial.fit(time[rows], angle[rows], 2)
-    rest = angle - creep(time)
-    inside = np.flatnonzero(np.abs(rest[rows.start :]) <= threshold)
+    residual = angle - creep(time)
+    inside = np.flatnonzero(np.abs(residual[rows.start :]) <= threshold)
     crossing = rows.start + int(inside[-1]) + 1 if inside.size else angle.size
     if crossing >= angle.size:
         return None
     line = np.asarray(creep.convert().coef[::-1], dtype=np.float64)
-    return crossing, line, float(np.std(rest[rows], ddof=3))
+    return crossing, line, float(np.std(residual[rows], ddof=3))
 
 
 def _cube_start(
@@ -257,7 +257,7 @@ def _power_start(
     earliest = t[max(2, (crossing - begin) // 3)]
     starts = np.linspace(earliest, t[crossing - begin] - 0.02 * step, 240)
     still, _ = np.linalg.qr(np.column_stack([np.ones_like(t), t]))
-    rest = values - still @ (still.T @ values)
+    residual = values - still @ (still.T @ values)
     weights, moments = [], []
     for power in POWERS:
         moved = np.maximum(t[:, None] - starts[None, :], 0.0) ** power
@@ -265,13 +265,13 @@ def _power_start(
         moved = moved / np.where(scale > 0.0, scale, 1.0)
         moved -= still @ (still.T @ moved)
         size = np.sum(moved**2, axis=0)
-        along = rest @ moved
+        along = residual @ moved
         gain = np.where((size > 1e-12) & (along > 0.0), along**2 / np.maximum(size, 1e-12), 0.0)
         weights.append(gain)
         moments.append(starts)
     gain, moment = np.concatenate(weights), np.concatenate(moments)
-    left = float(rest @ rest) - gain.max()
-    variance = max(sigma**2, left / max(t.size - 4, 1), 1e-30)
+    squares = float(residual @ residual) - gain.max()
+    variance = max(sigma**2, squares / max(t.size - 4, 1), 1e-30)
     weight = np.exp(np.maximum((gain - gain.max()) / (2.0 * variance), -700.0))
     weight /= weight.sum()
     mean = float(weight @ moment)
@@ -457,9 +457,9 @@ def evaluate_breakaway(
     runs: list[BreakawayRun] = []
     saturated: list[float] = []
     for label in np.unique(ramp):
-        mine = samples.where(ramp == label)
+        ramp_samples = samples.where(ramp == label)
         where = float("nan") if position is None else float(place[ramp == label][0])
-        breakaway, stood = _run_of(mine, float(label), where, threshold)
+        breakaway, stood = _run_of(ramp_samples, float(label), where, threshold)
         runs.append(breakaway)
         if stood:
             saturated.append(float(label))
@@ -490,6 +490,7 @@ def _motion(samples: Samples, label: float, threshold_rad: float) -> FirstMotion
 def _run_of(
     samples: Samples, label: float, position: float, threshold_rad: float
 ) -> tuple[BreakawayRun, bool]:
+    """Evaluate one ramp; return also whether the torque stood still before the motion."""
     time, torque = samples["time_s"], samples["torque_nm"]
     motion = _motion(samples, label, threshold_rad)
     stairs = _staircase(time, torque, motion)
@@ -604,9 +605,9 @@ def _line_at(span: Floats, torque: Floats) -> tuple[float, float, float]:
     if span.size < 3 or np.ptp(span) == 0.0:
         return float(torque.mean()), 0.0, 0.0
     rate, level = np.polyfit(span, torque, 1)
-    rest = float(np.std(torque - rate * span - level, ddof=2))
+    residual = float(np.std(torque - rate * span - level, ddof=2))
     basis = np.column_stack([span, np.ones_like(span)])
-    error = rest * float(np.sqrt(np.linalg.pinv(basis.T @ basis)[1, 1]))
+    error = residual * float(np.sqrt(np.linalg.pinv(basis.T @ basis)[1, 1]))
     return float(level), error, float(rate)
 
 
@@ -621,16 +622,17 @@ def _result(
     largest_share: float | None,
     findings: Sequence[Finding],
 ) -> BreakawayResult:
+    """Return the result over all ramps: medians of both directions and their mean."""
     torques = np.array([each.torque_nm for each in runs])
     sides: dict[int, Budget | None] = {}
     for sign in (1, -1):
-        mine = [each for each in runs if np.sign(each.torque_nm) == sign]
-        sides[sign] = _median(mine, known) if mine else None
+        ramps = [each for each in runs if np.sign(each.torque_nm) == sign]
+        sides[sign] = _median_torque(ramps, known) if ramps else None
     first, second = sides[1], sides[-1]
     if first is not None and second is not None:
         total = _mean_of_both(first, second)
     else:
-        total = first or second or _median(list(runs), known)
+        total = first or second or _median_torque(list(runs), known)
     found = list(findings)
     if len(runs) < 3:
         found.append(
@@ -666,10 +668,11 @@ def _result(
     )
 
 
-def _median(runs: Sequence[BreakawayRun], known: TorqueUncertainty) -> Budget:
+def _median_torque(runs: Sequence[BreakawayRun], known: TorqueUncertainty) -> Budget:
+    """Return the median torque of ramps in one direction with its budget."""
     values = np.abs([each.torque_nm for each in runs])
     middle = float(np.median(values))
-    own = float(np.sqrt(np.mean([each.standard_uncertainty_nm**2 for each in runs])))
+    first_motion_nm = float(np.sqrt(np.mean([each.standard_uncertainty_nm**2 for each in runs])))
     sign = float(np.sign(runs[0].torque_nm)) or 1.0
     parts = [
         BudgetLine("torque zero", known.zero_nm, inf, sign, Shared.ZEROING),
@@ -685,7 +688,7 @@ def _median(runs: Sequence[BreakawayRun], known: TorqueUncertainty) -> Budget:
     else:
         parts.append(BudgetLine("chain repeatability", known.repeatability_nm))
     # All runs share one rule for the motion, so its error doesn't average out.
-    parts.append(BudgetLine("first motion", own, shared=Shared.LOADING))
+    parts.append(BudgetLine("first motion", first_motion_nm, shared=Shared.LOADING))
     return budget(middle, "N·m", parts)
 
 

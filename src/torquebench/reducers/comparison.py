@@ -180,6 +180,7 @@ def _is_outlier(
     *,
     same_calibration: bool,
 ) -> bool:
+    """Return whether a specimen is far from the others' median, by scatter and by U."""
     others = np.delete(values, index)
     if others.size < 3:
         return False

@@ -149,12 +149,12 @@ class EfficiencyMap:
         follows friction better than interpolating the efficiency itself. The efficiencies have
         the shape (torques, speeds) and are NaN outside the measured points.
         """
-        mine = self._of(driving, direction)
-        if not mine:
+        chosen = self._of(driving, direction)
+        if not chosen:
             raise InputError(
                 Message("no point with the {driving} driving", driving), "points in this direction"
             )
-        speed, torque, drive = self._columns(mine)
+        speed, torque, drive = self._columns(chosen)
         speeds = np.linspace(speed.min(), speed.max(), size)
         torques = np.linspace(torque.min(), torque.max(), size)
         places = np.meshgrid(speeds, torques)
@@ -179,10 +179,10 @@ class EfficiencyMap:
         InputError
             Outside the measured points.
         """
-        mine = self._of(driving, speed_rpm)
-        speed, torque, drive = self._columns(mine)
+        chosen = self._of(driving, speed_rpm)
+        speed, torque, drive = self._columns(chosen)
         place = np.array([speed_rpm]), np.array([torque_nm])
-        weight = _weights(speed, torque, *place)[0] if mine else np.array([np.nan])
+        weight = _weights(speed, torque, *place)[0] if chosen else np.array([np.nan])
         if np.isnan(weight[0]):
             raise InputError(
                 Message("{torque_nm:g} N·m at {speed_rpm:g} rpm", torque_nm, speed_rpm),
@@ -192,15 +192,15 @@ class EfficiencyMap:
         ideal = torque_nm / abs(self.ratio)
         between = float(weight @ drive)
         share = ideal / between if driving == "input" else between / ideal
-        if not all(np.isfinite(each.efficiency.standard_uncertainty) for each in mine):
+        if not all(np.isfinite(each.efficiency.standard_uncertainty) for each in chosen):
             return Budget(100.0 * share, inf, inf, (), "%")
         # An interpolated input torque and the efficiency have the same relative contributions.
         pull = weight * drive / between
         parts: list[BudgetLine] = []
-        for name in sorted({line.name for each in mine for line in each.efficiency.lines}):
-            relative = np.zeros(len(mine))
+        for name in sorted({line.name for each in chosen for line in each.efficiency.lines}):
+            relative = np.zeros(len(chosen))
             freedom, shared = np.inf, Shared.NOTHING
-            for index, each in enumerate(mine):
+            for index, each in enumerate(chosen):
                 for line in (line for line in each.efficiency.lines if line.name == name):
                     relative[index] = line.sensitivity * line.contribution / each.efficiency.value
                     freedom, shared = min(freedom, line.degrees_of_freedom), line.shared
@@ -265,25 +265,26 @@ def _weights(speed: Floats, torque: Floats, at_speed: Floats, at_torque: Floats)
         result[inside] = 1.0 / speed.size
     elif len(axes) == 1:
         place = places[0] if np.ptp(speed) > SLACK * float(np.abs(speed).max()) else places[1]
-        result[inside] = _along(axes[0], place[inside])
+        result[inside] = _weights_on_line(axes[0], place[inside])
     else:
-        result[inside] = _across(np.column_stack(axes), np.column_stack(places)[inside])
+        result[inside] = _weights_in_plane(np.column_stack(axes), np.column_stack(places)[inside])
     return result
 
 
-def _along(axis: Floats, place: Floats) -> Floats:
+def _weights_on_line(axis: Floats, place: Floats) -> Floats:
     order = np.argsort(axis, kind="stable")
     units = np.eye(axis.size)[order]
     columns = [np.interp(place, axis[order], units[:, k]) for k in range(axis.size)]
     return np.column_stack(columns)
 
 
-def _across(points: Floats, places: Floats) -> Floats:
+def _weights_in_plane(points: Floats, places: Floats) -> Floats:
+    """Return weights for interpolating between points at places in a plane; NaN outside."""
     try:
         mesh = Delaunay(points)
     except QhullError:  # all points on one oblique line
         far = points[np.argmax(np.ptp(points, axis=0))]
-        return _along(points @ far, places @ far)
+        return _weights_on_line(points @ far, places @ far)
     simplex = mesh.find_simplex(places, tol=1e-9)
     weight = np.full((places.shape[0], points.shape[0]), np.nan)
     for row in np.flatnonzero(simplex >= 0):
@@ -483,8 +484,8 @@ class _Steady:
                 bad[used] | (measure is self.share)
             )
         for side in (1, -1):
-            mine = used & (self.driving == side)
-            bad[mine] |= self._off_plane(mine)
+            chosen = used & (self.driving == side)
+            bad[chosen] |= self._off_plane(chosen)
         samples = self.samples.less({"efficiency": bad})
         if samples.row.size == bad.size:
             return replace(self, samples=samples)
@@ -503,11 +504,13 @@ class _Steady:
         weight = np.ones(loss.size)
         for _ in range(30):  # least absolute deviations
             plane, *_ = np.linalg.lstsq(basis * weight[:, None], loss * weight, rcond=None)
-            rest = np.abs(loss - basis @ plane)
-            weight = 1.0 / np.sqrt(np.maximum(rest, 1e-6 * max(float(rest.max()), 1e-300)))
+            deviation = np.abs(loss - basis @ plane)
+            weight = 1.0 / np.sqrt(
+                np.maximum(deviation, 1e-6 * max(float(deviation.max()), 1e-300))
+            )
         given = self.samples["input_nm"][rows]
         least = np.maximum(SAME_VALUE * np.abs(given), 3.0 * decimal_step(given))
-        return np.asarray(rest > np.maximum(OUTLYING * float(np.median(rest)), least))
+        return np.asarray(deviation > np.maximum(OUTLYING * float(np.median(deviation)), least))
 
     def points(self, known: tuple[KnownTorque, KnownTorque]) -> tuple[EfficiencyPoint, ...]:
         """Return the mean of the repeats at every torque and speed, by driving side.
@@ -559,6 +562,7 @@ class _Steady:
         scatter: tuple[float, int] | None,
         name: str,
     ) -> EfficiencyPoint:
+        """Return the mean efficiency of some rows with its budget."""
         samples = self.samples.where(rows)
         here = np.zeros(self.share.size, dtype=np.bool_)
         here[rows] = True
@@ -663,6 +667,7 @@ def _both_directions(points: tuple[EfficiencyPoint, ...]) -> tuple[EfficiencyPoi
 
 
 def _mean(forward: EfficiencyPoint, other: EfficiencyPoint) -> EfficiencyPoint:
+    """Return the mean of both directions of rotation: common errors stay, others average out."""
     parts = common_of_both(forward.efficiency, other.efficiency)
     alone = [line for each in (forward, other) for line in each.efficiency.lines if not line.common]
     for name in dict.fromkeys(line.name for line in alone):
@@ -690,6 +695,7 @@ def _mean(forward: EfficiencyPoint, other: EfficiencyPoint) -> EfficiencyPoint:
 
 
 def _sign_findings(driving: NDArray[np.int64], row: NDArray[np.int64]) -> list[Finding]:
+    """Report points through which no power flows; refuse a test that has only such points."""
     lost = int(np.count_nonzero(driving == 0))
     if lost == driving.size:
         raise InputError(
@@ -716,6 +722,7 @@ def _sign_findings(driving: NDArray[np.int64], row: NDArray[np.int64]) -> list[F
 
 
 def _check_gain(share: Floats, drive: Floats, load: Floats) -> None:
+    """Refuse efficiencies that swapped columns or a wrong ratio explain."""
     known = share[np.isfinite(share)]
     swapped = bool(np.median(np.abs(drive)) > np.median(np.abs(load)))
     if np.all(known > 1.0) or (swapped and np.all(known < 0.05)):
@@ -739,6 +746,7 @@ def _findings(
     logged: bool,
     stated: bool,
 ) -> list[Finding]:
+    """Report efficiencies above 100 %, lack of repeats and other doubts about the points."""
     findings = []
     above = [each for each in points if each.efficiency.value > 100.0]
     if above:
@@ -759,11 +767,11 @@ def _findings(
         )
     if not repeated:
         if logged:
-            left = "every point was driven once: U contains the noise of each window only"
+            in_u = "every point was driven once: U contains the noise of each window only"
         elif stated:
-            left = "every point was measured once: U contains what was stated only"
+            in_u = "every point was measured once: U contains what was stated only"
         else:
-            left = "every point was measured once: U is unknown"
-        findings.append(Finding("no repeats", left, "measure each point twice or more"))
+            in_u = "every point was measured once: U is unknown"
+        findings.append(Finding("no repeats", in_u, "measure each point twice or more"))
     remedy = "warm up until the temperature is steady, and measure again"
     return [*findings, *unsteady_temperature(warmth, remedy, severe=True)]

@@ -252,9 +252,9 @@ def outliers(values: Floats, step: float | None = None) -> Mask:
     if values.size < 8:
         return np.zeros(values.size, dtype=np.bool_)
     padded = np.pad(values, 3, constant_values=np.nan)
-    beside = np.stack([padded[3 + k : 3 + k + values.size] for k in (-3, -2, -1, 1, 2, 3)])
-    ordered = np.sort(beside, axis=0)  # NaN beyond the ends is sorted last
-    count = np.count_nonzero(np.isfinite(beside), axis=0)
+    neighbours = np.stack([padded[3 + k : 3 + k + values.size] for k in (-3, -2, -1, 1, 2, 3)])
+    ordered = np.sort(neighbours, axis=0)  # NaN beyond the ends is sorted last
+    count = np.count_nonzero(np.isfinite(neighbours), axis=0)
     low = ordered[1]
     high = np.take_along_axis(ordered, (count - 2)[None, :], axis=0)[0]
     beyond = np.maximum(np.maximum(values - high, low - values), 0.0)
@@ -264,10 +264,10 @@ def outliers(values: Floats, step: float | None = None) -> Mask:
     )
     usual = float(np.median(np.abs(values - middle)))
     with np.errstate(invalid="ignore"):
-        steps = np.sort(np.abs(np.diff(beside, axis=0)[[0, 1, 3, 4]]), axis=0)
+        steps = np.sort(np.abs(np.diff(neighbours, axis=0)[[0, 1, 3, 4]]), axis=0)
     change = np.where(np.isfinite(steps[2]), steps[2], steps[1])
     limit = np.maximum(OUTLYING * usual, STEEP * change)
-    limit = np.where(count < len(beside), 2.0 * limit, limit)  # fewer near the ends
+    limit = np.where(count < len(neighbours), 2.0 * limit, limit)  # fewer near the ends
     limit = limit + 1e-9 * np.ptp(values)
     if step is None:  # an outlier needn't be a multiple of the step
         step = step_of(values[beyond <= limit])
@@ -293,11 +293,11 @@ def step_of(values: Floats) -> float:
     gaps = np.concatenate([gaps[:2000], gaps[2000 :: max(1, gaps.size // 2000)]])
     step = float(gaps[0])
     for _ in range(12):  # the greatest common divisor of the gaps
-        left = np.abs(gaps - np.rint(gaps / step) * step)
-        left = left[left > 1e-2 * step]
-        if not left.size:
+        deviation = np.abs(gaps - np.rint(gaps / step) * step)
+        deviation = deviation[deviation > 1e-2 * step]
+        if not deviation.size:
             return step if step > 10.0 * least else 0.0
-        step = float(left.min())
+        step = float(deviation.min())
         if step < least:
             return 0.0
     return 0.0

@@ -53,6 +53,7 @@ def verdicts(result: ReducerResult, description: ReducerDescription) -> tuple[Qu
 
 
 def _verdict(limited: LimitedQuantity) -> QuantityVerdict:
+    """Judge a quantity by its limits, with its uncertainty."""
     estimate, lower, upper = limited.estimate, limited.lower, limited.upper
     words = [
         f"{sign} {limit:g} {estimate.unit}"

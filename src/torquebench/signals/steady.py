@@ -204,6 +204,7 @@ def _checked(
     period_s: float | None,
     settling_limit: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return times and values as finite, rising rows, or refuse them."""
     times = np.asarray(time_s, dtype=np.float64)
     samples = np.asarray(value, dtype=np.float64)
     if times.ndim != 1 or times.shape != samples.shape:

@@ -136,6 +136,7 @@ class CanBusSimulator(LineServer):
             self._open.pop(connection, None)
 
     def _obey(self, connection: socket.socket, words: list[bytes]) -> None:
+        """Obey one command of a socketcand client."""
         if not words:
             return
         if words[0] == b"open":

@@ -162,6 +162,7 @@ class Cia402Node:
     # -- read by a client -------------------------------------------------------------------
 
     def _read(self, index: int, subindex: int, od: Any) -> int | str | None:
+        """Return an object's value; while frozen, the value that it had then."""
         del od
         if index == cia402.IDENTITY and subindex:
             return self._identity[subindex]
@@ -179,19 +180,20 @@ class Cia402Node:
         return value
 
     def _value(self, index: int) -> int | None:
+        """Return an object's present value from the drive's state, with the faults on command."""
         state = self._drive.state()
         self._follow(state.enabled, bool(state.fault))
         lying = self._faults.lying
         if index == cia402.STATUSWORD:
-            shown = self._state
+            state_name = self._state
             if lying:
-                enabled = shown == "operation enabled"
-                shown = "switch on disabled" if enabled else "operation enabled"
+                enabled = state_name == "operation enabled"
+                state_name = "switch on disabled" if enabled else "operation enabled"
             reached = 0 if self._drive.ramping else TARGET_REACHED
             remote = 0 if self._faults.local else cia402.REMOTE
-            return STATUS[shown] | VOLTAGE_ENABLED | remote | reached
-        told = 1.0 / max(self._faults.scale, 1e-9)
-        torque, speed = told * (state.torque_nm or 0.0), told * (state.speed_rad_s or 0.0)
+            return STATUS[state_name] | VOLTAGE_ENABLED | remote | reached
+        scale = 1.0 / max(self._faults.scale, 1e-9)
+        torque, speed = scale * (state.torque_nm or 0.0), scale * (state.speed_rad_s or 0.0)
         values = {
             0x1001: COMMUNICATION_ERROR if self._error_code() else 0,
             cia402.ERROR_CODE: self._error_code(),
@@ -220,6 +222,7 @@ class Cia402Node:
     # -- written by a client ----------------------------------------------------------------
 
     def _written(self, index: int, subindex: int, od: Any, data: bytes) -> None:
+        """Take a written object: refuse wrong values, and pursue the new mode or target."""
         value = int(od.decode_raw(data))
         if self._faults.not_yet:
             raise canopen.SdoAbortedError(cia402.NOT_IN_THIS_STATE)
@@ -252,6 +255,7 @@ class Cia402Node:
                 self._pursue()
 
     def _control(self, word: int) -> None:
+        """Change the drive's state as its control word asks."""
         state = self._drive.state()
         self._follow(state.enabled, bool(state.fault))
         rising, self._word = word & ~self._word, word

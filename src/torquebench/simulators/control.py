@@ -91,6 +91,7 @@ class ControlServer(LineServer):
             return {"error": f"{type(error).__name__}: {error}"}
 
     def _status(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the state of plant, drives and endpoints."""
         del request
         bench = self._plant.bench
         drives = {}

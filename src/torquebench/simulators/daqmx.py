@@ -190,6 +190,7 @@ class _Servicer(services.NiDAQmxServicer):
         return messages.SetTrigAttributeStringResponse()
 
     def StartTask(self, request: Any, context: Any) -> Any:  # noqa: N802
+        """Start a task; the sample clock's first pulse starts the time of all others."""
         task = self._task(request, context)
         with self._lock:
             others = [each for each in self._tasks.values() if each is not task]
@@ -277,6 +278,7 @@ class _Servicer(services.NiDAQmxServicer):
         task.overrun |= task.waiting.size > task.buffer
 
     def ReadCounterU32Ex(self, request: Any, context: Any) -> Any:  # noqa: N802
+        """Return the wanted samples of a task as soon as they exist."""
         task = self._task(request, context)
         if not task.started:
             self._fail(context, NOT_STARTED)

@@ -56,6 +56,7 @@ class LineServer(ABC):
         self._thread.start()
 
     def _accept(self) -> None:
+        """Serve each client in a thread of its own until the server closes."""
         while not self._closing.is_set():
             try:
                 connection, _ = self._listener.accept()

@@ -76,6 +76,7 @@ class _Order:
     until: float | None
 
     def over(self) -> bool:
+        """Return whether its replies are used up or its time has passed."""
         spent = self.replies is not None and self.replies <= 0
         return spent or (self.until is not None and time.monotonic() >= self.until)
 

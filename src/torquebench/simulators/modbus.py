@@ -89,6 +89,7 @@ class ModbusSimulator(LineServer):
                         connection.sendall(spoilt)
 
     def _answer(self, unit: int, request: bytes) -> bytes:
+        """Return the answer to a request, or the exception that it causes."""
         function = request[0]
         try:
             if unit != self._unit and unit not in ANY_UNIT:

@@ -123,8 +123,8 @@ class DriveImage(Image):
             status |= DriveStatus.FAULT
             if "watchdog" in state.fault:
                 status |= DriveStatus.WATCHDOG
-        told = 1.0 / max(self.faults.scale, 1e-9)
-        torque, speed = told * (state.torque_nm or 0.0), told * (state.speed_rad_s or 0.0)
+        scale = 1.0 / max(self.faults.scale, 1e-9)
+        torque, speed = scale * (state.torque_nm or 0.0), scale * (state.speed_rad_s or 0.0)
         words = {
             DriveReport.STATUS: [int(status), 1 if state.fault else 0],
             DriveReport.MODE: [self._holding[DriveCommand.MODE]],
@@ -178,6 +178,7 @@ class DriveImage(Image):
             self._drive.enable()
 
     def _obey(self, control: DriveControl) -> None:
+        """Obey a written control word: reset, power, ramp to zero, torque or speed."""
         self._power_if_due()
         state = self._drive.state()
         if control & DriveControl.RESET:
@@ -215,6 +216,7 @@ class DriveImage(Image):
 
 
 def _wrapped(counts: int) -> int:
+    """Return counts as the device's signed number of 32 bits, which wraps around."""
     return (counts + 2**31) % 2**32 - 2**31
 
 

@@ -170,6 +170,7 @@ class Plant:
         self._keep_torques(block)
 
     def _keep_torques(self, block: Block) -> None:
+        """Keep the newest values of the standard's amplifier; NaN while nothing is mounted."""
         readout = self.bench.readout
         if readout is None:
             return
@@ -220,6 +221,7 @@ class Plant:
                 self._angles.remove(tap)
 
     def _select(self) -> None:
+        """Time the channels whose edges somebody takes."""
         wanted = {tap.channel for tap in self._edges}
         self.bench.select(frozenset(name for name in CHANNELS if name in wanted))
 

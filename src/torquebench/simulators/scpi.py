@@ -134,16 +134,16 @@ class ScpiInstrument(ABC):  # noqa: B024 - some have nothing else to do
                 arguments = [part.strip() for part in text.split(",")] if text.strip() else []
                 try:
                     if header.startswith("*"):
-                        said = self._common(header, arguments)
+                        answer = self._common(header, arguments)
                     else:
                         full = header[1:] if header.startswith(":") else path + header
                         path = full.rpartition(":")[0] + ":" if ":" in full else ""
-                        said = self._act(full, arguments, faults)
+                        answer = self._act(full, arguments, faults)
                 except _ScpiError as error:
                     self._note(error.code)
                     break
-                if said is not None:
-                    answers.append(said)
+                if answer is not None:
+                    answers.append(answer)
         return ";".join(answers) if answers else None
 
     def _act(self, header: str, arguments: list[str], faults: WireFaults) -> str | None:
@@ -160,6 +160,7 @@ class ScpiInstrument(ABC):  # noqa: B024 - some have nothing else to do
         raise _ScpiError(-113)
 
     def _common(self, header: str, arguments: list[str]) -> str | None:
+        """Obey a common command of IEEE 488.2; return the answer to a query."""
         if header in self._masks:
             if not arguments:
                 raise _ScpiError(-109)
@@ -291,6 +292,7 @@ class ScpiFrequencyCounter(ScpiInstrument):
         self._handed = 0
 
     def _remove(self, arguments: Sequence[str], faults: WireFaults) -> str:
+        """Return the wanted readings and remove them from the memory."""
         count = int(_number(arguments[0], 1, MOST_READINGS))
         waits = len(arguments) > 1 and _choice(arguments[1], ("WAIT",)) == "WAIT"
         if self._tap is None or self._counter is None:

@@ -167,6 +167,7 @@ def _plain(value: Any) -> Any:
 
 
 def _modbus(simulators: Simulators, role: str, section: dict[str, Any]) -> dict[str, Any]:
+    """Serve a role by Modbus; return its section with the address in use."""
     from torquebench.simulators import modbus_images as images
     from torquebench.simulators.modbus import ModbusSimulator
 
@@ -192,6 +193,7 @@ def _modbus(simulators: Simulators, role: str, section: dict[str, Any]) -> dict[
 
 
 def _scpi(simulators: Simulators, role: str, section: dict[str, Any]) -> dict[str, Any]:
+    """Serve a role by SCPI; return its section with the addresses in use."""
     from torquebench.simulators import scpi
 
     plant = simulators.plant
@@ -210,6 +212,7 @@ def _scpi(simulators: Simulators, role: str, section: dict[str, Any]) -> dict[st
 
 
 def _canopen(simulators: Simulators, role: str, section: dict[str, Any]) -> dict[str, Any]:
+    """Serve a drive on a CAN bus over TCP; return its section with the address in use."""
     require_library("canopen", "canopen")
     from torquebench.simulators.canopen_bus import CanBusSimulator
     from torquebench.simulators.cia402 import Cia402Node
@@ -240,6 +243,7 @@ def _canopen(simulators: Simulators, role: str, section: dict[str, Any]) -> dict
 
 
 def _daqmx(simulators: Simulators, role: str, section: dict[str, Any]) -> dict[str, Any]:
+    """Serve a counter card over gRPC; return its section with the address in use."""
     require_library("nidaqmx", "nidaqmx")
     from torquebench.simulators.daqmx import DaqmxSimulator
 

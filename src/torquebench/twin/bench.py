@@ -637,6 +637,7 @@ def _climate(
     drop_every_h: float = 1.0,
     drop_min: float = 10.0,
 ) -> FloatArray:
+    """Return the parameters of the room's temperature as the kernels take them."""
     return np.array(
         [
             mean_c,

@@ -138,9 +138,9 @@ def reference_indication(
     """Return the torque with certificate error, drift and noise, in N·m of actual sensitivity."""
     relative = torque_nm / constants.nominal_torque_nm
     last = error_table.size - 1
-    place = min(max((relative / TABLE_END + 1.0) * 0.5 * last, 0.0), last - 1e-9)
-    knot = int(place)
-    share = place - knot
+    position = min(max((relative / TABLE_END + 1.0) * 0.5 * last, 0.0), last - 1e-9)
+    knot = int(position)
+    share = position - knot
     deviation = (1.0 - share) * error_table[knot] + share * error_table[knot + 1]
     warmth = temperature_c - 23.0
     deviation += (constants.zero_drift_per_k + constants.span_drift_per_k * relative) * warmth

@@ -150,17 +150,20 @@ def move(
                 )
         if flange == FLANGE_COUPLED:
             ahead, behind = shafts[0], shafts[1]
+            # twist of the reducer; its transmission error is linear in the angle within a step
             drift = slope * (behind[FLANGE_ANGLE] - error_angle)
             twist = ahead[FLANGE_ANGLE] / reducer.ratio + error + drift
             twist += reducer_state[red.GEAR_OFFSET] - behind[FLANGE_ANGLE]
             twist_speed = ahead[FLANGE_SPEED] / reducer.ratio
             twist_speed += (slope - 1.0) * behind[FLANGE_SPEED]
             gear = red.reducer_torque(reducer, reducer_state, twist, twist_speed)
+            # losses of both sides
             friction = red.reducer_friction(
                 reducer, reducer_state, ahead[FLANGE_SPEED], gear, coulomb, viscous, short
             )
             drag = reducer.output_drag_nm * math.tanh(behind[FLANGE_SPEED] / 0.005)
             drag += reducer.output_viscous_nm_s * viscous * behind[FLANGE_SPEED]
+            # each flange turns with its side of the reducer
             inertia = drives[0].flange_inertia_kgm2 + reducer.input_inertia_kgm2
             acceleration[0] = (torque[0] - friction - gear / reducer.ratio) / inertia
             inertia = drives[1].flange_inertia_kgm2 + reducer.output_inertia_kgm2

@@ -130,6 +130,7 @@ def static_sweep(
     state, table = fresh_transducer_state(), reference.error_table()
 
     def run(points: FloatArray) -> None:
+        """Sweep the chain over points, and keep its state for the next ones."""
         simulation.sweep(
             chain,
             transducer,

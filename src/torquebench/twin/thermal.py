@@ -85,10 +85,10 @@ def warm(
     temperature_c[AMBIENT] += rate * (ambient_target_c - temperature_c[AMBIENT]) + spread
     ambient = temperature_c[AMBIENT]
     for side in range(2):
-        place = INPUT_TRANSDUCER + side
+        node = INPUT_TRANSDUCER + side
         target = ambient + thermal.transducer_heating_k_s[side] * abs(speed_rad_s[side])
         rate = step_s / thermal.transducer_time_s[side]
-        temperature_c[place] += rate * (target - temperature_c[place])
+        temperature_c[node] += rate * (target - temperature_c[node])
     cooling = thermal.cooling_w_k * (temperature_c[REDUCER] - ambient)
     temperature_c[REDUCER] += (loss_j - cooling * step_s) / thermal.heat_capacity_j_k
     rate = step_s / thermal.calibrator_time_s

@@ -158,6 +158,7 @@ class _Walk:
             self._problem(str(file), "its last line is incomplete")
 
     def _line(self, where: str, line: bytes, before: bytes) -> None:
+        """Check the next line of a log against the hash of the line before it."""
         self.check.lines += 1
         place = _place(line)
         if place is None and self._end is None:
@@ -212,6 +213,7 @@ class _Walk:
 
 
 def _place(line: bytes) -> _Place | None:
+    """Return a line's place in the chain of hashes; None for a line that is older than it."""
     found = _CHAIN.search(line)
     if found is None:
         return None

@@ -89,7 +89,7 @@ class AuditLog:
         self._part: int | None = None
         self._failed = False
         self._logger = structlog.wrap_logger(
-            _Sink(self._line, self._soon),
+            _Sink(self._write_line, self._soon),
             processors=[
                 self._stamp,
                 structlog.processors.TimeStamper(fmt="iso", utc=True, key="time"),
@@ -179,7 +179,7 @@ class AuditLog:
             try:
                 if line is None:
                     return
-                self._line(line)
+                self._write_line(line)
             finally:
                 self._waiting.task_done()
 
@@ -189,7 +189,8 @@ class AuditLog:
         with self._lock:
             return self._end
 
-    def _line(self, line: str) -> None:
+    def _write_line(self, line: str) -> None:
+        """Append a line, chained to the one before, to the log and to the run's part of it."""
         with self._lock:
             content = line.encode() + b"\n"
             try:
@@ -214,6 +215,7 @@ class AuditLog:
                 )
 
     def _opened(self) -> int:
+        """Return the log's file descriptor; on opening, an incomplete last line is cut off."""
         if self._file is None:
             private_folder(self.path.parent)
             self._file = os.open(self.path, _APPEND, 0o600)

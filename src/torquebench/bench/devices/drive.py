@@ -215,7 +215,7 @@ class DriveSwitch(StandardReadable):
                 commands.at_zero(context.clock.now())
                 commands.on()
             except BaseException:  # a drive that failed to enable may still have power
-                await self._take_off()
+                await self._disable()
                 raise
             finally:
                 commands.switching = False
@@ -228,7 +228,7 @@ class DriveSwitch(StandardReadable):
         commands.off(
             context.clock.now()
         )  # recorded before: a drive that switches off by itself raises an alarm
-        await self._take_off()
+        await self._disable()
         alarm = await context.call(context.supervisor.read_off, (side,))
         if alarm is not None:
             raise alarm.error()
@@ -243,7 +243,8 @@ class DriveSwitch(StandardReadable):
         planned.power[side] = value
         return lasts_s
 
-    async def _take_off(self) -> None:
+    async def _disable(self) -> None:
+        """Switch the drive's power off; if that fails, it counts as still on."""
         context, side = self._context, self._side
         try:
             await context.call(context.drivers.drives[side].disable)

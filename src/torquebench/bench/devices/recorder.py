@@ -230,6 +230,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
         )
 
     def _recording(self, start_s: float, stop_s: float) -> SynchronousRecording:
+        """Return both sides' torques and shaft angles in the same windows of an interval."""
         fine = [self._fine_torque(side, start_s, stop_s) for side in SIDES]
         window_s, first, second = self._window_s, fine[0], fine[1]
         if first is None or second is None:
@@ -267,6 +268,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
         return self._columns(side, record, torque)
 
     def _torque(self, side: Side, start_s: float, stop_s: float) -> _SideTorque:
+        """Return a side's torque in the usual windows; refuse an interval with gaps."""
         channel = torque_channel(side)
         record = self._context.acquisition.window(channel, start_s, stop_s)
         expected = max(int((stop_s - start_s) / self._window_s) - 2, 1)
@@ -291,6 +293,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
     def _columns(
         self, side: Side, record: Record, compensated: tuple[FloatArray, Torque] | None
     ) -> _SideTorque:
+        """Return a side's torque, compensated if possible, at the times at which it acted."""
         delay_s = self._context.description.module(side).transducer.group_delay_s
         if compensated is None:
             unknown = TorqueParts(*[np.full(len(record), np.nan)] * len(fields(TorqueParts)))

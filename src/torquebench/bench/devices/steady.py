@@ -207,6 +207,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         self._taken = time.time()
 
     def _evaluate(self, start_s: float, stop_s: float) -> dict[str, float | int | bool]:
+        """Return the steady values and conditions of an interval by their data keys."""
         context, side = self._context, self.side
         acquisition, module = context.acquisition, context.description.module(side)
         reading = self._steady(torque_channel(side), start_s, stop_s)
@@ -312,6 +313,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         return max(int((stop_s - start_s) / window_s) - 1, 2)
 
     def _check_complete(self, channel: str, record: Record, start_s: float, stop_s: float) -> None:
+        """Refuse an interval in which windows of a channel are missing."""
         least = self._least_windows(start_s, stop_s)
         if len(record) < least:
             raise SignalFault(
@@ -355,6 +357,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         }
 
     def _expected_fields(self) -> tuple[str, ...]:
+        """Return the data keys of a document with the present settings and mounting."""
         context = self._context
         conditions = {
             _COMPENSATED: context.acquisition.compensation(self.side) is not None,

@@ -188,6 +188,7 @@ class AmplifierReadout:
         self._thread.start()
 
     def _ask(self) -> None:
+        """Read the amplifier once a period until the end; periods without an answer become NaN."""
         begun_s, number = time.monotonic(), 0
         while not self._ending.wait(max(0.0, begun_s + number * self.period_s - time.monotonic())):
             late = max(0, int((time.monotonic() - begun_s) / self.period_s) - number)

@@ -179,6 +179,7 @@ class CanopenLink(Link[Any]):
         )
 
         def question(network: Any) -> Result:
+            """Exchange data with the node; turn its failures into the errors of wires."""
             try:
                 network.check()
                 return ask(network, network[self._options.node])
@@ -451,6 +452,7 @@ class Cia402Drive:
         self._link.write(CONTROLWORD, DISABLE_VOLTAGE)
 
     def _set_mode(self, mode: int) -> None:
+        """Change the drive's mode of operation and wait until it states the new one."""
         if self._link.read(MODE_DISPLAY) == mode:
             return
         self._write(MODE, mode)

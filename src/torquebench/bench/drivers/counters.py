@@ -17,7 +17,7 @@ from torquebench.signals import Record, SignalFaultKind
 __all__ = ["DescribedCounter", "LibraryCounter", "counted"]
 
 Result = TypeVar("Result")
-LONGEST_SAID = 1000
+LONGEST_TEXT = 1000
 """Vendors' messages end with their code and task."""
 
 
@@ -112,15 +112,16 @@ class LibraryCounter(DescribedCounter):
         try:
             return question()
         except self._failures as error:
-            said = f"{what}: {self._said(error)}" if what else self._said(error)
+            said = f"{what}: {self._text_of(error)}" if what else self._text_of(error)
             raise BenchError(
                 Message("{place}: {said}", self._place, said),
                 "a device that executes its commands",
                 self._remedy,
             ) from error
 
-    def _said(self, error: Exception) -> str:
-        return " ".join(str(error).split())[:LONGEST_SAID]
+    def _text_of(self, error: Exception) -> str:
+        """Return the library's message on one line, cut to its beginning."""
+        return " ".join(str(error).split())[:LONGEST_TEXT]
 
 
 def counted(

@@ -134,6 +134,7 @@ class _Periods:
         self._waiting: NDArray[np.int64] = np.empty(0, dtype=np.int64)
 
     def take(self, periods: NDArray[np.uint32]) -> None:
+        """Append the edges at the ends of the next periods."""
         ticks = self._last + np.cumsum(periods, dtype=np.int64)
         if ticks.size:
             self._last = int(ticks[-1])
@@ -244,8 +245,8 @@ class DaqmxCounter(LibraryCounter):
             return None
         return self._nidaqmx.GrpcSessionOptions(self._channel, name)
 
-    def _said(self, error: Exception) -> str:
-        text = super()._said(error)
+    def _text_of(self, error: Exception) -> str:
+        text = super()._text_of(error)
         if "DEADLINE_EXCEEDED" in text:
             return Message("no answer in {timeout_s:g} s", self._options.timeout_s)
         if "UNAVAILABLE" in text:
@@ -280,6 +281,7 @@ class DaqmxCounter(LibraryCounter):
             return task
 
         def question() -> None:
+            """Create and start the tasks of all channels, the encoders and the sample clock."""
             for name in self._periods:
                 self._period_task(create(name), self._options.channels[name])  # type: ignore[index]
             for side in self._sides:
@@ -350,6 +352,7 @@ class DaqmxCounter(LibraryCounter):
         trigger.dig_edge_edge = self._constants.Edge.RISING
 
     def _period_task(self, task: Any, terminal: str) -> None:
+        """Set a task up that measures the periods of one channel's edges in ticks."""
         highest = round(self._counting.timebase_hz)
         channel = task.ci_channels.add_ci_period_chan(
             terminal,
@@ -372,6 +375,7 @@ class DaqmxCounter(LibraryCounter):
             )
 
     def _encoder_task(self, task: Any, side: Side, terminal: str) -> None:
+        """Set a task up that samples the counts of one side's encoder."""
         task.ci_channels.add_ci_ang_encoder_chan(
             terminal,
             decoding_type=self._constants.EncoderType.X_4,
@@ -442,6 +446,7 @@ class DaqmxCounter(LibraryCounter):
         return int(self._ask(lambda: stream.avail_samp_per_chan, "samples that wait"))
 
     def _read_encoder(self, side: Side, wanted: int, duration_s: float) -> None:
+        """Read the wanted samples of an encoder, and keep its unwrapped counts."""
         raw = np.empty(wanted, dtype=np.uint32)
         reader = self._reader[f"{side}_encoder"].read_many_sample_uint32
         self._read_samples(reader, raw, wanted, duration_s, Message("{side} encoder", side))

@@ -62,6 +62,7 @@ class HbmAmplifier(LineLink):
         self._faulty = FAULTY[options.family] if options.faulty is None else options.faulty
 
     def _open(self) -> LineConnection:
+        """Connect and send the commands that select channels and format."""
         connection = super()._open()
         numbers = [self._hbm.channels[name] for name in self._names]
         values = {
@@ -121,6 +122,7 @@ class HbmAmplifier(LineLink):
         line = self._hbm.read or READ[self._hbm.family]
 
         def exchange(connection: LineConnection) -> dict[str, float]:
+            """Request all channels once; NaN for a channel whose status is faulty."""
             connection.send(line)
             answer = connection.receive(self.timeout_s)
             parts = [part.strip() for part in answer.split(",")]

@@ -222,6 +222,7 @@ def open_role(description: BenchDescription, key: str) -> Any:
 
 
 def _open(description: BenchDescription, key: str, section: Mapping[str, Any]) -> Any:
+    """Open the instrument that a section of the description names for its role."""
     role, side = _ROLES[key]
     values = dict(section)
     name = values.pop("protocol", None)

@@ -103,6 +103,7 @@ class OpenDaqCounter(LibraryCounter):
             raise
 
     def _connect(self) -> None:
+        """Connect to the device and read its signals' scales, sample rate and name plate."""
         address = self._options.address
         self._device = self._ask(lambda: self._instance.add_device(address))
         found = {
@@ -130,6 +131,7 @@ class OpenDaqCounter(LibraryCounter):
         self._firmware = str(getattr(info, "software_revision", ""))
 
     def _signal(self, found: Mapping[str, Any], name: str) -> Any:
+        """Return the only signal whose path ends as described for a channel."""
         wanted = self._options.channels[name].signal  # type: ignore[index]
         matching = [signal for path, signal in found.items() if f"/{path}".endswith(f"/{wanted}")]
         if len(matching) != 1 or matching[0].domain_signal is None:
@@ -229,6 +231,7 @@ class OpenDaqCounter(LibraryCounter):
         return np.concatenate(parts, axis=1)
 
     def _check_gapless(self, ticks: NDArray[np.int64]) -> None:
+        """Refuse samples that don't continue the earlier ones at the sample interval."""
         expected = self._next_tick
         first, last = int(ticks[0]), int(ticks[-1])
         steps = (last - first) // self._delta + 1

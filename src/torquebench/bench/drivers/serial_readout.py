@@ -72,6 +72,7 @@ class _Display(LineLink):
         return self.call(self._exchange)
 
     def _exchange(self, connection: LineConnection) -> float:
+        """Return the newest value that the display states; NaN if it states that it has none."""
         options = self._display
         if options.request:
             connection.send(options.request)

@@ -54,6 +54,7 @@ class SocketcandBus(can.BusABC):
         super().__init__(channel=channel)
 
     def _greet(self, channel: str) -> None:
+        """Open the channel in raw mode on the server; refuse an unexpected answer."""
         for request, wanted in (
             (b"", b"< hi >"),
             (b"< open " + channel.encode() + b" >", b"< ok >"),
@@ -71,6 +72,7 @@ class SocketcandBus(can.BusABC):
                 raise can.CanInitializationError(f"socketcand answered {answer!r}, not {wanted!r}")
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        """Return the next frame, if one arrives in time; False: the frames aren't filtered yet."""
         if self._frames:
             return self._frames.popleft(), False
         if self.gone:  # the next sender gets the error

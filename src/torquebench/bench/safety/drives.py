@@ -200,6 +200,7 @@ class DriveWorker:
                 self.drive.disable()
 
     def _ask(self, feed: bool) -> None:
+        """Read the drive's state and feed its watchdog; a failure is kept as text."""
         try:
             if feed:
                 self.drive.feed_watchdog()

@@ -56,8 +56,8 @@ class _Ramp:
         asked = replace(point, told_s=math.inf)  # a repeated command doesn't restart the ramp
         if asked != self._point:
             self._time_s = max(self._time_s, point.asked_s)
-            apart = max(abs(point.value - end) for end in self._ends)
-            slowest = apart / point.within_s if point.within_s > 0.0 else math.inf
+            distance = max(abs(point.value - end) for end in self._ends)
+            slowest = distance / point.within_s if point.within_s > 0.0 else math.inf
             self._rate = min(point.rate, slowest)
             self._point = asked
         low, high = (self._towards(point.value, end, stop_s) for end in self._ends)
@@ -71,9 +71,9 @@ class _Ramp:
             self._before.popleft()
 
     def _towards(self, target: float, present: float, stop_s: float) -> float:
-        apart = target - present
-        way = self._rate * (stop_s - self._time_s) if apart else 0.0
-        return target if abs(apart) <= way else present + math.copysign(way, apart)
+        distance = target - present
+        way = self._rate * (stop_s - self._time_s) if distance else 0.0
+        return target if abs(distance) <= way else present + math.copysign(way, distance)
 
     def band(self) -> tuple[float, float]:
         """Return the allowed range of the drive's value."""
@@ -122,6 +122,7 @@ class FollowingJudge:
     def _judge(
         self, side: Side, quantity: Quantity, point: SetPoint, block: Block, *, held: bool
     ) -> Violation | None:
+        """Compare a drive's quantity in a block with the range that its commands allow."""
         values = _values(quantity, side, block)
         known = values[np.isfinite(values)]
         if known.size == 0:
@@ -137,8 +138,8 @@ class FollowingJudge:
         if not held:
             low, high = min(low, 0.0), max(high, 0.0)
         allowed = self._share * self._range(side, quantity)
-        apart = float(np.min(np.maximum(low - known, known - high)))
-        if apart <= allowed:
+        deviation = float(np.min(np.maximum(low - known, known - high)))
+        if deviation <= allowed:
             ramp.deviating_s = 0.0
             return None
         before_s, ramp.deviating_s = ramp.deviating_s, ramp.deviating_s + lasts_s
@@ -162,6 +163,7 @@ def _values(quantity: Quantity, side: Side, block: Block) -> NDArray[np.float64]
 def _violation(
     side: Side, quantity: Quantity, found: float, told: float, allowed: float
 ) -> Violation:
+    """Return the violation of a drive that doesn't follow its command."""
     scale, unit = (1.0, "N·m") if quantity == "torque" else (RPM_PER_RAD_S, "rpm")
     found, told, allowed = scale * found, scale * told, scale * allowed
     return Violation(

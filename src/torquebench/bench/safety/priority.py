@@ -47,8 +47,8 @@ class Priority(IntEnum):
         return self.name.lower().replace("_", "-")
 
 
-def _asked() -> bool:
-    """Whether a priority is requested at all."""
+def _priority_wanted() -> bool:
+    """Return whether the environment wants the best priority, not the usual one."""
     asked = os.environ.get(PRIORITY) or BEST
     if asked not in (BEST, USUAL):
         raise InputError(
@@ -81,7 +81,7 @@ def available_priority() -> Priority:
     InputError
         `TORQUEBENCH_PRIORITY` is neither `best` nor `usual`.
     """
-    if not _asked():
+    if not _priority_wanted():
         return Priority.USUAL
     granted = [Priority.USUAL]
     trying = threading.Thread(target=lambda: granted.append(prefer_this_thread()))
@@ -110,7 +110,7 @@ class _Lift:
 
     def begin(self) -> None:
         with self._lock:
-            asked = _asked()
+            asked = _priority_wanted()
             self._benches += 1
             if self._benches > 1:
                 return

@@ -185,6 +185,7 @@ class SignalJudge:
         return self._result()
 
     def _check_edges(self, channel: FastCheck, edges: EdgeBlock, now_s: float) -> None:
+        """Check a slice of a channel's edges: frequency within its limits, torque and its rate."""
         ticks, name = edges.ticks, channel.name
         count, memory = ticks.size, self._memory.channel(name)
         lowest_hz, highest_hz = channel.transducer.modulation_hz
@@ -290,6 +291,7 @@ class SignalJudge:
         self._angle(side, DEG_PER_TURN * last[1])
 
     def _temperature(self, side: Side, block: Block) -> None:
+        """Check a module's temperature against its limit."""
         probe = self._description.module(side).temperature_probe
         temperature = block.temperature_c(probe)
         if math.isnan(temperature):  # silent probes are handled as lost signals
@@ -468,6 +470,7 @@ class SignalJudge:
             )
 
     def _angle(self, side: Side, angle_deg: float) -> None:
+        """Check the angle by which a side has turned since its limit was set."""
         limit, shaft = self._limits.side(side).angle_deg, self._memory.shafts[side]
         enabled = self._commands.any_enabled
         if math.isinf(limit) or not enabled:
@@ -495,6 +498,7 @@ class SignalJudge:
         unit: str,
         warning: tuple[float, float] | None = None,
     ) -> None:
+        """Compare a value with its limit: beyond it a violation, near it a warning."""
         if limit == math.inf:
             return
         watch = self._watches.get((kind, source))

@@ -31,7 +31,7 @@ __all__ = [
     "Remaining",
     "Stage",
     "StopSequence",
-    "said",
+    "remaining_in_words",
 ]
 
 PRESS_STOP = (
@@ -181,7 +181,7 @@ class ReadBack:
         return Message("no power, and torque of at most {limits}", limits)
 
 
-def said(remaining: Iterable[Remaining]) -> str:
+def remaining_in_words(remaining: Iterable[Remaining]) -> str:
     """Describe the remaining torque and power of the sides."""
     return Message.joined((each.words for each in remaining if not each.gone), "; ")
 
@@ -374,7 +374,11 @@ class StopSequence:
         """Return the violation about remaining power and torque."""
         sides = " and ".join(each.side for each in remaining)
         return Violation(
-            AlarmKind.NOT_SAFE, sides, said(remaining), self.read_back.allowed(), PRESS_STOP
+            AlarmKind.NOT_SAFE,
+            sides,
+            remaining_in_words(remaining),
+            self.read_back.allowed(),
+            PRESS_STOP,
         )
 
     def read_off(self, sides: Sequence[Side], *, torque: bool) -> Violation | None:

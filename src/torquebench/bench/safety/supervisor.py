@@ -41,7 +41,7 @@ from torquebench.bench.safety.stopping import (
     Remaining,
     Stage,
     StopSequence,
-    said,
+    remaining_in_words,
 )
 from torquebench.bench.state import CommandState
 from torquebench.errors import InterlockError
@@ -217,7 +217,7 @@ class SafetySupervisor:
             if still := self.still_on():
                 known = self._stop.stage is Stage.NOT_SAFE or any(each.power for each in still)
                 raise InterlockError(
-                    Message("alarm {alarm}, {still}", alarm.kind.value, said(still)),
+                    Message("alarm {alarm}, {still}", alarm.kind.value, remaining_in_words(still)),
                     self._stop.read_back.allowed(),
                     PRESS_STOP
                     if known
@@ -341,6 +341,7 @@ class SafetySupervisor:
             self._trip_for(violation)
 
     def _drive_violation(self) -> Violation | None:
+        """Return the first fault of an enabled drive; None without any."""
         for side, worker in self._workers.items():
             since = self._enabled_since.get(side)
             if since is None:
@@ -389,7 +390,7 @@ class SafetySupervisor:
             if first:
                 for side in SIDES:
                     self._stop.ramp_to_zero(side, self._description.safety.ramp_to_zero_s)
-                self._stop.begin_ramp()
+                self._stop.begin_ramp()  # its time counts from the drives' answers
         if first:
             self._clock.interrupt(alarm.error())
             self._go_on()
@@ -488,6 +489,7 @@ class SafetySupervisor:
                 self._fail(error)
 
     def _watch_once(self) -> None:
+        """Look for stalls and unreachable drives, and go on towards the safe state."""
         if self._stalls() and self._book.latched is None and self._commands.any_enabled:
             found = Message("no block of samples for {seconds:g} s of wall time", self._stall_s)
             remedy = "check the counter's connection and the computer's load"

@@ -106,6 +106,7 @@ def _read(
     where: Sequence[str],
     conversion: Conversion | None,
 ) -> ReducerColumns:
+    """Read the columns of a reducer test from a table, with constants that its headers state."""
     import numpy as np
 
     from torquebench.tables import read_table, understand
@@ -178,6 +179,7 @@ def _stated_once(
 
 
 def _chosen(table: Table, where: Sequence[str]) -> Table:
+    """Return the rows of a table that meet all conditions of `--where`."""
     import numpy as np
 
     if not where:

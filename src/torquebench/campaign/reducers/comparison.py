@@ -168,6 +168,7 @@ def compared(specimens: Sequence[SpecimenResults], *, change: bool = False) -> R
 
 
 def _check(found: Sequence[SpecimenResults], change: bool) -> None:
+    """Refuse runs that can't be compared: of several tests or reducers, or of one specimen."""
     different = len({each.run_id for each in found})
     if different < max(2, len(found)):
         raise InputError(
@@ -181,16 +182,16 @@ def _check(found: Sequence[SpecimenResults], change: bool) -> None:
                 Message("runs of {names}", " and ".join(names)), Message("one {what}", what)
             )
     serials = [each.serial for each in found]
-    said = ", ".join(each or "no serial" for each in serials)
+    named = ", ".join(each or "no serial" for each in serials)
     if change and (len(found) != 2 or len(set(serials)) > 1):
         raise InputError(
-            Message("{count} runs of {said}", len(found), said),
+            Message("{count} runs of {said}", len(found), named),
             "two runs of one specimen for --change",
             "name the run before and the run after, or leave --change out",
         )
     if not change and len(set(serials)) < len(serials):
         raise InputError(
-            Message("several runs of one specimen: {said}", said),
+            Message("several runs of one specimen: {said}", named),
             "one run per specimen",
             "give --serial when testing, or --change for before and after",
         )

@@ -95,6 +95,7 @@ class Specimen:
         rehearsed: Callable[[], Plan[Any]],
         files: Callable[[], Mapping[str, bytes]] = dict,
     ) -> RunRecord:
+        """Measure a test of this specimen, with its identity in the run's metadata."""
         specimen = {
             "side": "output",
             "reducer_name": self.reducer.name,

@@ -109,6 +109,7 @@ def _rehearsed(
     longest_s: float = 0.0,
     warm_up_s: float = 0.0,
 ) -> ReducerTestRehearsal:
+    """Return duration, largest values and modes of a rehearsed test."""
     modes: dict[str, list[str]] = {side: [] for side in SIDES}
     for move in found.moves:
         side, _, what = move.device.partition(" ")

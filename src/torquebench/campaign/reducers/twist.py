@@ -91,14 +91,14 @@ def twist_compliance(torque_nm: FloatArray, angle_rad: FloatArray, source: str) 
         if np.count_nonzero(leg) > 8
     ]
     spread = float(np.ptp(singles)) / np.sqrt(12.0) if len(singles) == 2 else 0.05 * abs(slope)
-    beside = angle_rad - slope * torque_nm - offset
+    off_line = angle_rad - slope * torque_nm - offset
     level = np.round(torque_nm / largest * TWIST_LEVELS).astype(np.int64) + TWIST_LEVELS
     count = np.bincount(level)
     there = count > 0
     torque = np.bincount(level, weights=torque_nm)[there] / count[there]
-    bend = np.bincount(level, weights=beside)[there] / count[there]
-    left = beside - np.interp(torque_nm, torque, bend)
-    lag = np.bincount(level, weights=np.where(rising, left, -left))[there] / count[there]
+    bend = np.bincount(level, weights=off_line)[there] / count[there]
+    residual = off_line - np.interp(torque_nm, torque, bend)
+    lag = np.bincount(level, weights=np.where(rising, residual, -residual))[there] / count[there]
     spread = float(np.hypot(spread, lag.std() / (0.5 * largest)))
     return TwistCompliance(slope, spread, source, tuple(torque.tolist()), tuple(bend.tolist()))
 

@@ -180,41 +180,43 @@ class _FollowedDynamics(_AppliedDynamics):
         self.memory.forget()
 
     def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
+        """Return the filter's correction of the next readings; it restarts after a gap."""
         time = readings.time_s
         if time is None:
             return ()
         torque_nm = np.array(torque_nm, ndmin=1)
-        count = torque_nm.size
         rows = self._going_on(time, torque_nm, readings.counter_nm)
-        if rows is not None:
-            return _components(*rows)
-        added, curve, noise = np.zeros((3, count))
-        if count:
-            step = np.empty(count)
-            step[0], step[1:] = time[0] - self.memory.last_s, time[1:] - time[:-1]
-            wanted = self.effect.interval_s
-            even = np.abs(step - wanted) <= _UNEVEN * wanted
-            if not np.isfinite(step[0]):  # the first reading of a stream has no previous one
-                even[0] = count == 1 or even[1]
-            if even.any():
-                spread = np.broadcast_to(known_or(readings.counter_nm, 0.0), (count,))
-                cuts = [0, *(np.flatnonzero(~even[1:]) + 1).tolist(), count]
-                for start, stop in pairwise(cuts):
-                    if not even[start]:
-                        self.memory.forget()
-                    part = slice(start, stop)
-                    self._filter(
-                        torque_nm[part], spread[part], added[part], curve[part], noise[part]
-                    )
-            else:
-                earlier = np.concatenate([[self.memory.last_nm], torque_nm[:-1]])
-                with np.errstate(invalid="ignore", divide="ignore"):
-                    slope = np.abs((torque_nm - earlier) / step)
-                curve[:] = np.nan_to_num(self.effect.late_s * slope / _SQUARE_ROOT_3, posinf=0.0)
-                self.memory.filtering.forget()
-                self.memory.settling = 0
-            self.memory.last_s, self.memory.last_nm = float(time[-1]), float(torque_nm[-1])
-        return _components(added, curve, noise)
+        if rows is None:
+            rows = np.zeros((3, torque_nm.size))
+            if torque_nm.size:
+                self._begin(rows, time, torque_nm, readings.counter_nm)
+        return _components(*rows)
+
+    def _begin(
+        self, rows: FloatArray, time: FloatArray, reading_nm: FloatArray, counter_nm: Known
+    ) -> None:
+        """Write correction and u for readings that may have gaps, another rate or faults."""
+        added, curve, noise = rows
+        memory, interval_s, count = self.memory, self.effect.interval_s, time.size
+        step = np.diff(time, prepend=memory.last_s)
+        even = np.abs(step - interval_s) <= _UNEVEN * interval_s
+        if not np.isfinite(step[0]):  # the first reading of a stream has no previous one
+            even[0] = count == 1 or even[1]
+        if even.any():
+            spread = np.broadcast_to(known_or(counter_nm, 0.0), (count,))
+            for start, stop in pairwise([0, *(np.flatnonzero(~even[1:]) + 1).tolist(), count]):
+                if not even[start]:
+                    memory.forget()
+                part = slice(start, stop)
+                self._filter(reading_nm[part], spread[part], added[part], curve[part], noise[part])
+        else:
+            earlier = np.concatenate([[memory.last_nm], reading_nm[:-1]])
+            with np.errstate(invalid="ignore", divide="ignore"):
+                slope = np.abs((reading_nm - earlier) / step)
+            curve[:] = np.nan_to_num(self.effect.late_s * slope / _SQUARE_ROOT_3, posinf=0.0)
+            memory.filtering.forget()
+            memory.settling = 0
+        memory.last_s, memory.last_nm = float(time[-1]), float(reading_nm[-1])
 
     def _going_on(self, time: FloatArray, reading_nm: FloatArray, counter_nm: Known) -> Any:
         """Return correction and u for a settled stream's next readings; None after a gap."""
@@ -248,9 +250,9 @@ class _FollowedDynamics(_AppliedDynamics):
         if self.memory.settling >= len(self.effect.weights) - 1 and not faulty.any():
             self.memory.settling += reading_nm.size
             return
-        place = np.arange(reading_nm.size)
-        last = np.maximum.accumulate(np.where(faulty, place, -1 - self.memory.settling))
-        since = place - last - 1
+        row = np.arange(reading_nm.size)
+        last = np.maximum.accumulate(np.where(faulty, row, -1 - self.memory.settling))
+        since = row - last - 1
         unsettled = since < len(self.effect.weights) - 1
         curve[:] = np.hypot(curve, np.where(unsettled, added / _SQUARE_ROOT_3, 0.0))
         self.memory.settling = int(since[-1]) + 1
@@ -342,8 +344,8 @@ class RecordedDynamics(_AppliedDynamics):
         found = self.effect.filter().stream().push(reading, spread)
         added = found.value[late:] - rows[0]
         noise = np.sqrt(np.maximum(found.of_noise[late:] ** 2 - rows[1] ** 2, 0.0))
-        place = np.arange(count)
-        unknown = (place + late < len(self.effect.weights) - 1) | (place + late >= count)
+        row = np.arange(count)
+        unknown = (row + late < len(self.effect.weights) - 1) | (row + late >= count)
         lacking = np.where(unknown, added / _SQUARE_ROOT_3, 0.0)
         return np.array([added, np.hypot(found.of_coefficients[late:], lacking), noise])
 

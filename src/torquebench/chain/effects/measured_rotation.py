@@ -322,8 +322,8 @@ class MeasuredRotation(Effect):
             return Component(
                 "running-in", Shared.MOUNTING, u, distribution=Distribution.RECTANGULAR
             )
-        left = np.exp(-np.maximum(readings.time_s, 0.0) / self.running_in_s)
-        return Component("running-in", Shared.MOUNTING, start_u * left, -start * left)
+        share = np.exp(-np.maximum(readings.time_s, 0.0) / self.running_in_s)
+        return Component("running-in", Shared.MOUNTING, start_u * share, -start * share)
 
     def _refused(self, speed: FloatArray, celsius: FloatArray) -> NDArray[np.bool_]:
         low, high = self._limits_rpm

@@ -108,8 +108,8 @@ class Ripple(Effect):
         orders, cosine, sine = self._coefficients
         terms = speed_terms(speed_rpm, self.largest_rpm)
         whole = np.isinf(window_s)
-        left = 0.0 if whole else np.sinc(orders * speed_rpm / MINUTE * window_s)
-        return left * (cosine @ terms), left * (sine @ terms)
+        attenuation = 0.0 if whole else np.sinc(orders * speed_rpm / MINUTE * window_s)
+        return attenuation * (cosine @ terms), attenuation * (sine @ terms)
 
     def _sum(self, cosine: FloatArray, sine: FloatArray, angle_rad: FloatArray) -> FloatArray:
         turned = self._coefficients[0] * angle_rad

@@ -174,6 +174,7 @@ class _FollowedCurve(Effect):
         self.history.forget()
 
     def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
+        """Return curve and hysteresis of the next readings; NaN outside the calibrated range."""
         inside = self.curve.inside(torque_nm)
         if functions_for(torque_nm).all(inside):
             return self._parts(torque_nm, self.history.push(torque_nm))

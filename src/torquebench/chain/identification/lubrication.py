@@ -74,17 +74,17 @@ def identify_lubrication(
         if effect.corrects_reading
         for part in effect.components(readings, nothing)
     ]
-    left = run.reading_nm + sum((part.value_nm for part in parts), nothing)
+    corrected = run.reading_nm + sum((part.value_nm for part in parts), nothing)
     drag = -next(np.asarray(part.value_nm) for part in parts if part.name == "bearing drag")
     turning = direction(run.speed_rpm)
     largest = max(float(np.max(np.abs(run.speed_rpm))), 1e-9)
-    place = turning * (1.0 + np.floor((_BINS - 1e-9) * np.abs(run.speed_rpm) / largest))
-    place[~np.isfinite(left)] = np.nan
+    cell = turning * (1.0 + np.floor((_BINS - 1e-9) * np.abs(run.speed_rpm) / largest))
+    cell[~np.isfinite(corrected)] = np.nan
     means = []
-    for each in np.unique(place[np.isfinite(place) & (drag != 0.0)]):
-        rows = place == each
+    for each in np.unique(cell[np.isfinite(cell) & (drag != 0.0)]):
+        rows = cell == each
         if np.sum(rows) >= _FEWEST_IN_BIN:
-            means.append((each, np.mean(drag[rows]), np.mean(left[rows])))
+            means.append((each, np.mean(drag[rows]), np.mean(corrected[rows])))
     ahead = sum(each[0] > 0.0 for each in means)
     back = len(means) - ahead
     if min(ahead, back) < _FEWEST_SPEEDS:

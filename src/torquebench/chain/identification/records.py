@@ -180,7 +180,7 @@ def related_to_one_zero(
     zero_nm, warm = calibration.zero_nm, calibration.temperature_c
     if zero_nm is None or warm is None or len(known) < len(runs):
         first_nm = known[0].zero_nm if known else None
-        return calibration, [_counted_from(run, first_nm) for run in runs], None
+        return calibration, [_from_zero(run, first_nm) for run in runs], None
     common_nm = float(np.mean(zero_nm[usual_points(calibration.speed_rpm, warm)]))
     zeroed = warm if calibration.zero_temperature_c is None else calibration.zero_temperature_c
     first = np.concatenate([[0], np.flatnonzero(np.diff(zero_nm)) + 1])
@@ -194,10 +194,11 @@ def related_to_one_zero(
         zero_temperature_c=None,
         zero_nm=None,
     )
-    return related, [_counted_from(run, common_nm) for run in runs], zeros
+    return related, [_from_zero(run, common_nm) for run in runs], zeros
 
 
-def _counted_from(run: EmptyRun, zero_nm: float | None) -> EmptyRun:
+def _from_zero(run: EmptyRun, zero_nm: float | None) -> EmptyRun:
+    """Return a run whose readings count from another zero, if both zeros are known."""
     if run.zero_nm is None or zero_nm is None:
         return run
     return replace(run, reading_nm=run.reading_nm + (run.zero_nm - zero_nm), zero_nm=zero_nm)

@@ -39,15 +39,16 @@ class _Rows:
 
     @classmethod
     def of(cls, run: EmptyRun, angle: FloatArray, largest: float, window_s: float) -> _Rows:
+        """Return a run's readings and the orders' terms, both without slow changes."""
         from scipy.ndimage import uniform_filter1d  # imported late: empty runs only
 
         size = max(round(_SLOW_S / window_s) | 1, 3)
         terms = speed_terms(run.speed_rpm, largest)
         columns = []
         for order in ORDERS:
-            left = np.sinc(order * run.speed_rpm / MINUTE * window_s)
+            attenuation = np.sinc(order * run.speed_rpm / MINUTE * window_s)
             seen = np.abs(order * run.speed_rpm / MINUTE * window_s) < _MOST_TURNS
-            part = seen * left * terms
+            part = seen * attenuation * terms
             columns += [part * np.cos(order * angle), part * np.sin(order * angle)]
         every = np.concatenate(columns).T
         return cls(
@@ -132,8 +133,8 @@ def _standing_out(rows: Sequence[_Rows]) -> list[int]:
         without = [each for each in found if each != order]
         part = [each.chosen(_members(without)) for each in rows] if without else None
         before = [each.chosen(_members(found)) for each in rows]
-        left = _squares(part) if part else sum(float(each.target @ each.target) for each in rows)
-        if (left - _squares(before)) / variance < _LEAST_GAIN:
+        squares = _squares(part) if part else sum(float(each.target @ each.target) for each in rows)
+        if (squares - _squares(before)) / variance < _LEAST_GAIN:
             found = without
     return found
 
@@ -147,11 +148,13 @@ def _normal(rows: Sequence[_Rows]) -> tuple[FloatArray, FloatArray]:
 
 
 def _weights(rows: Sequence[_Rows]) -> FloatArray:
+    """Return the least-squares amplitudes of all terms."""
     matrix, vector = _normal(rows)
     return np.asarray(np.linalg.lstsq(matrix, vector, rcond=1e-10)[0])
 
 
 def _squares(rows: Sequence[_Rows]) -> float:
+    """Return the sum of the squares that the best amplitudes leave of the readings."""
     weights = _weights(rows)
     squares = [np.sum((each.target - each.columns @ weights) ** 2) for each in rows]
     return float(np.sum(squares))
@@ -197,8 +200,8 @@ def _by_speed(
     size = 2 * len(orders)
     found = np.zeros((size, speeds.size, size * _TERMS))
     for number, order in enumerate(orders):
-        left = np.sinc(order * speeds / MINUTE * window_s)
+        attenuation = np.sinc(order * speeds / MINUTE * window_s)
         for side in range(2):
-            place = 2 * number + side
-            found[place, :, place * _TERMS : (place + 1) * _TERMS] = (left * terms).T
+            column = 2 * number + side
+            found[column, :, column * _TERMS : (column + 1) * _TERMS] = (attenuation * terms).T
     return found

@@ -128,6 +128,7 @@ def identify(
 
 
 def _corrected(calibration: TurningCalibration, effects: Sequence[Effect]) -> FloatArray:
+    """Return a calibration's readings corrected by effects, long after running-in."""
     readings = Readings(
         calibration.reading_nm,
         speed_rpm=calibration.speed_rpm,
@@ -240,6 +241,7 @@ class _Data:
     def _identified(
         self, warm: FloatArray, calibration: TurningCalibration, runs: Sequence[EmptyRun]
     ) -> frozenset[str]:
+        """Return the names of the functions that the measured conditions suffice to identify."""
         found = set()
         if self.limits_c[1] - self.limits_c[0] >= LEAST_KELVIN:
             found.add("zero")
@@ -266,7 +268,7 @@ class _Data:
     def gaps(self) -> list[str]:
         """Return the effects that weren't identified, and the runs that would identify them."""
         has_runs = bool(self.runs)
-        said = {
+        descriptions = {
             "zero": Message(
                 "zero over temperature: all data lie within {least_kelvin:g} K; an empty "
                 "run at another temperature would identify it",
@@ -288,10 +290,10 @@ class _Data:
             )
         if not self.groups and not np.any(self.points.turning):
             return []
-        missing = [name for name in said if name not in self.groups]
+        missing = [name for name in descriptions if name not in self.groups]
         if "odd" in missing:
             missing = [name for name in missing if name not in ("even", "load")]
-        return [Message("not identified: {what}", said[name]) for name in missing]
+        return [Message("not identified: {what}", descriptions[name]) for name in missing]
 
 
 def _point_noise(calibration: TurningCalibration, range_nm: float) -> float | None:
@@ -545,13 +547,13 @@ def _remanence(calibration: TurningCalibration, corrected_nm: FloatArray) -> flo
     torque, unloaded = calibration.standard_nm, calibration.unloaded
     if unloaded is None:
         return 0.0
-    place = stretches(calibration.speed_rpm, calibration.temperature_c)
-    after = 1 + np.flatnonzero(unloaded[1:] & ~unloaded[:-1] & (np.diff(place) == 0))
-    left, before = (corrected_nm - torque)[after], torque[after - 1]
+    stretch = stretches(calibration.speed_rpm, calibration.temperature_c)
+    after = 1 + np.flatnonzero(unloaded[1:] & ~unloaded[:-1] & (np.diff(stretch) == 0))
+    error_nm, before = (corrected_nm - torque)[after], torque[after - 1]
     differences = []
-    for number in np.unique(place[after]):
-        here = place[after] == number
-        sides = [left[here & (sign * before > 0.0)] for sign in (1.0, -1.0)]
+    for number in np.unique(stretch[after]):
+        here = stretch[after] == number
+        sides = [error_nm[here & (sign * before > 0.0)] for sign in (1.0, -1.0)]
         if all(each.size for each in sides):
             differences.append(np.mean(sides[0]) - np.mean(sides[1]))
     return 0.5 * float(np.sqrt(np.mean(np.square(differences)))) if differences else 0.0
@@ -567,12 +569,14 @@ def _zero(fit: _Fit, zeros: Zeros, remanence_nm: float) -> tuple[float, tuple[Ze
     data, fewest = fit.data, 3
     at = Circumstances.of(zeros.zero_nm.size, warmth_k=zeros.temperature_c - data.calibrated_c)
     change, _ = fit.function("zero", at) if "zero" in data.groups else (0.0, 0.0)
-    left = zeros.zero_nm - data.range_nm * change
-    if left.size < fewest:
-        return float(np.mean(left)), ()
-    widening = student_widening(left.size - 1.0) * np.sqrt(1.0 + 1.0 / left.size)
-    u = float(np.hypot(widening * np.std(left, ddof=1), remanence_nm))
-    return float(np.mean(left)), (Zero(f"{left.size} zeros of {data.words}", None, zero_nm=u),)
+    residual = zeros.zero_nm - data.range_nm * change
+    if residual.size < fewest:
+        return float(np.mean(residual)), ()
+    widening = student_widening(residual.size - 1.0) * np.sqrt(1.0 + 1.0 / residual.size)
+    u = float(np.hypot(widening * np.std(residual, ddof=1), remanence_nm))
+    return float(np.mean(residual)), (
+        Zero(f"{residual.size} zeros of {data.words}", None, zero_nm=u),
+    )
 
 
 def _warm_nodes(data: _Data) -> FloatArray:
@@ -584,6 +588,7 @@ def _warm_nodes(data: _Data) -> FloatArray:
 
 
 def _temperature(fit: _Fit) -> MeasuredTemperature:
+    """Return the fitted functions of the temperature as an effect with tables."""
     data, range_nm = fit.data, fit.data.range_nm
     nodes = _warm_nodes(data)
     at = Circumstances.of(nodes.size, share=1.0, warmth_k=nodes - data.calibrated_c)
@@ -603,6 +608,7 @@ def _temperature(fit: _Fit) -> MeasuredTemperature:
 
 
 def _rotation(fit: _Fit) -> MeasuredRotation:
+    """Return the fitted functions of the speed as an effect with tables."""
     data, range_nm = fit.data, fit.data.range_nm
     warm = _warm_nodes(data)
     largest = 1.1 * data.largest_rpm

@@ -73,6 +73,7 @@ def header_text(table: CompensationTable, provenance: Provenance, prefix: str) -
 
 
 def _branch_function(prefix: str, turning: float) -> str:
+    """Return the C function that determines the branch from the readings so far."""
     return f"""typedef struct {{
     int started, direction;
     double extreme_nm;
@@ -95,6 +96,7 @@ static inline int {prefix}_branch(double reading_nm, {prefix}_history *history)
 
 
 def _function(curve: PiecewisePolynomial, prefix: str, what: str) -> str:
+    """Return the C function of a curve with its table of coefficients."""
     name = f"{prefix}_{what}"
     order = curve.degree + 1
     branches = 3 if curve.branch_aware else 1

@@ -97,6 +97,7 @@ def _real(value: float) -> str:
 
 
 def _function(curve: PiecewisePolynomial, name: str) -> str:
+    """Return the function block of a curve in structured text, with its coefficients."""
     order, count = curve.degree + 1, curve.intervals
     rows = curve.coefficients if curve.branch_aware else curve.coefficients[1:2]
     numbers = [_real(value) for value in rows.ravel().tolist()]

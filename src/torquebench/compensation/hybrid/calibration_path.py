@@ -140,8 +140,8 @@ def correlated_covariance(
         return None
     covariance = np.zeros((u.size, u.size))
     for rows, position in courses:
-        apart = np.abs(position[:, None] - position[None, :])
-        covariance[np.ix_(rows, rows)] = share / (1.0 - share) * np.exp(-apart / length)
+        distance = np.abs(position[:, None] - position[None, :])
+        covariance[np.ix_(rows, rows)] = share / (1.0 - share) * np.exp(-distance / length)
     return covariance
 
 

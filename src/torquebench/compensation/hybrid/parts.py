@@ -179,6 +179,7 @@ class _Loop(Part):
     steepest: ClassVar[float] = 0.5  # smallest q: no table can follow a steeper end
 
     def columns(self, points: Points, shape: FloatArray) -> Columns:
+        """Return the loop's columns at the points, and their derivatives by the two exponents."""
         p, q = shape[0], self.steepest + shape[1]
         x = np.clip(np.abs(points.u), 1e-9, 1.0 - 1e-9)
         rise = np.log(x * (p + q) / p)

@@ -126,6 +126,8 @@ def _turned(
     points: list[RunningPoint],
     table: RunningTable,
 ) -> Plan[None]:
+    """Turn at each point's speed, and zero at rest before each series."""
+
     def turn(speed_rpm: float) -> Plan[None]:
         yield from _turn(devices, limits.ratio, speed_rpm, settings.rate_rpm_per_s)
 

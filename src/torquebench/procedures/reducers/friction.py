@@ -191,6 +191,7 @@ def _sweep(
     points: list[FrictionPoint],
     rows: list[Mapping[str, Any]],
 ) -> Plan[None]:
+    """Measure the friction torque at each point."""
     yield from progress(0, len(points), "zero")
     yield from move(devices.point, Point())
     yield from zero(devices, "input", duration_s=settings.zero_s)
@@ -215,6 +216,7 @@ def _point(
 
 
 def _result(points: list[FrictionPoint], rows: list[Mapping[str, Any]]) -> FrictionSweep:
+    """Return the sweep's columns, compensated if all rows are."""
     compensated = all("torque_nm" in row for row in rows)
     known = all("true_torque_nm" in row for row in rows)
 

@@ -202,6 +202,7 @@ def hysteresis_loops(
     temperature: list[float] = []
 
     def measured() -> Plan[None]:
+        """Measure the loops at each position of the output."""
         start = yield from angle_rad(devices, "input")
         for index, position in enumerate(settings.positions_deg):
             yield from progress(
@@ -262,11 +263,11 @@ def _turn_to(
         turned = 0.0  # a rehearsal has no angles
         if present is not None and start_rad is not None:
             turned = float((present - start_rad) * DEG_PER_RAD) / limits.ratio
-        left = output_deg - turned
-        if abs(left * limits.ratio) < PHASE_DEG:
+        remaining_deg = output_deg - turned
+        if abs(remaining_deg * limits.ratio) < PHASE_DEG:
             return
-        slow_rpm = abs(left * limits.ratio) / DEG_S_PER_RPM / seconds if seconds else inf
-        yield from turn_output(devices, limits, left, speed_rpm=slow_rpm)
+        slow_rpm = abs(remaining_deg * limits.ratio) / DEG_S_PER_RPM / seconds if seconds else inf
+        yield from turn_output(devices, limits, remaining_deg, speed_rpm=slow_rpm)
         if present is None:
             return
         seconds = 4.0
@@ -408,6 +409,7 @@ def bench_twist(
     metadata = start_metadata(devices, "bench_twist", points, settings=asdict(settings))
 
     def side_of(side: Side) -> Plan[None]:
+        """Record the twist of one side against the standard."""
         range_nm = devices.context.description.module(side).range_nm
         torque = range_nm if loops_nm is None else min(loops_nm[side], range_nm)
         if settings.torque_share is not None:

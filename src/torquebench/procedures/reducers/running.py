@@ -136,6 +136,7 @@ class EfficiencySettings:
     warm_up: WarmUp = field(default_factory=WarmUp)
 
     def __post_init__(self) -> None:
+        """Refuse settings without points, repeats or a possible target."""
         for name in ("torque_shares", "speeds_rpm"):
             values = getattr(self, name)
             if not values or min(values) <= 0.0:
@@ -240,6 +241,7 @@ def _sweeps(devices: BenchDevices, settings: NoLoadSettings, table: RunningTable
 
 
 def _more_sweeps(settings: NoLoadSettings, done: int, table: RunningTable) -> bool:
+    """Return whether a target for U requires a further sweep."""
     target = settings.target_percent
     if target is None or not _repeats_on(target, settings.sweep.repeats):
         return False
@@ -262,6 +264,7 @@ def _sweep(
     planned: int,
     table: RunningTable,
 ) -> Plan[None]:
+    """Measure one sweep over all speeds, and zero before each series."""
     points, series = list(sweep.repeat(repeat)), None
     for number, point in enumerate(points, start=len(points) * (repeat - 1)):
         text = Message("repeat {repeat}, {speed_rpm:g} rpm", point.repeat, point.speed_rpm)

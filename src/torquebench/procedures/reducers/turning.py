@@ -241,6 +241,7 @@ class _AngleParts:
         self._parts: list[tuple[NDArray[np.float64], ...]] = []
 
     def add(self, angles: dict[Side, Record]) -> None:
+        """Append the angles of both sides over their common samples."""
         if not angles:  # a rehearsal records nothing
             return
         first, second = angles["input"], angles["output"]

@@ -93,6 +93,7 @@ class _Loader:
     series: int = 0
 
     def run(self) -> Plan[None]:
+        """Measure all points, each again after a pause."""
         yield from prepare(self._module.steady, SteadySettings(reference=True), wait=True)
         for number, point in enumerate(self.points):
             text = Message("{speed_rpm:g} rpm, {torque_nm:g} N·m", point.speed_rpm, point.torque_nm)

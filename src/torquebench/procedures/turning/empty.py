@@ -206,6 +206,7 @@ def turn_empty(
     runner = _Runner(devices, side, profile, table, series * len(legs))
 
     def measured() -> Plan[None]:
+        """Measure the series that are left, each after a zero at the profile's temperature."""
         for number in range(table.series_done, series):
             if wait:
                 done = (number * len(legs), runner.total)
@@ -334,6 +335,7 @@ class _Runner:
         self.speed_rpm = leg.speed_rpm
 
     def _leg(self, series: int, place: int, leg: Leg) -> Plan[list[tuple[Record, float, float]]]:
+        """Drive one leg; return its recorded pieces with the temperatures before and after each."""
         kept: list[tuple[Record, float, float]] = []
         yield from stamp(self.devices, series=series + 1, step=place, branch=1)
         yield from move(self.devices.recorder, "mark")

@@ -241,6 +241,7 @@ class TurningProfile(_Settings):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
+        """Refuse keys that don't belong to the profile's kind, and shares that don't rise."""
         for name in ("speed_shares", "torque_shares"):
             values = getattr(self, name)
             if any(b <= a for a, b in pairwise(values)):
@@ -443,6 +444,7 @@ class TurningProfile(_Settings):
     def _random_points(
         self, drawn: RandomPoints, side: Side, range_nm: float
     ) -> list[TurningPoint]:
+        """Return the points of all series, drawn with the profile's seed."""
         top, largest = self.top_rpm(side), self.torque_shares[-1] * range_nm
         lowest, highest = self.speed_shares[0], self.speed_shares[-1]
         found = list[TurningPoint]()

@@ -177,6 +177,7 @@ class _Stepper:
             self.table.add(*stretch)
 
     def _leg(self, series: int, done: int, leg: TorqueLeg) -> Plan[list[_Stretch]]:
+        """Drive one leg of steps or sines after its preload; return the recorded stretches."""
         drive, recorder = self.devices.module(self.side).drive, self.devices.recorder
         kept: list[_Stretch] = []
         yield from power_on(self.devices, self.side)

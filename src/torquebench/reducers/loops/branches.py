@@ -173,14 +173,15 @@ Pieces = tuple[Indices, ...]
 
 
 def _labelled(torque: Floats, rows: Indices, numbers: Floats) -> list[tuple[Pieces, Pieces]] | None:
+    """Return rising and falling rows of each numbered loop; None if a loop is incomplete."""
     found: list[tuple[Pieces, Pieces]] = []
     for number in dict.fromkeys(numbers.tolist()):
-        mine = rows[numbers == number]
-        end = float(np.max(np.abs(torque[mine])))
-        ends = np.abs(torque[mine[[0, -1]]])
-        if mine.size < 8 or np.any(ends < AT_THE_END * end):
+        loop_rows = rows[numbers == number]
+        end = float(np.max(np.abs(torque[loop_rows])))
+        ends = np.abs(torque[loop_rows[[0, -1]]])
+        if loop_rows.size < 8 or np.any(ends < AT_THE_END * end):
             return None
-        parts = _parts(torque[mine], mine)
+        parts = _parts(torque[loop_rows], loop_rows)
         rising = [part for sign, part in parts if sign > 0]
         falling = [part for sign, part in parts if sign < 0]
         if not rising or not falling:
@@ -351,41 +352,47 @@ def drift_of(recording: Recording, loops: Sequence[RawLoop]) -> Drift:
     The drift is a polynomial of time, of a degree below the number of loops. It is fitted together
     with a line of angle over torque in each part of each branch.
     """
-    sides = [(0, each.rising) for each in loops] + [(1, each.falling) for each in loops]
+    sides = [(0, loop.rising) for loop in loops] + [(1, loop.falling) for loop in loops]
     rows = np.concatenate([piece for _, pieces in sides for piece in pieces])
-    kind = np.concatenate([np.full(piece.size, side) for side, pieces in sides for piece in pieces])
-    place = recording.place(loops)
+    branch = np.concatenate(
+        [np.full(piece.size, side) for side, pieces in sides for piece in pieces]
+    )
     torque, angle = recording.torque[rows], (recording.angle - recording.less)[rows]
     low, high = float(torque.min()), float(torque.max())
     bins = int(np.clip(rows.size / (12 * len(loops)), 4, BINS))
     part = np.clip(((torque - low) / (high - low) * bins).astype(np.int64), 0, bins - 1)
-    cell = part + bins * kind
-    left = _partialled(cell, torque, angle)
+    cell = part + bins * branch
     degrees = min(HIGHEST_DEGREE, len(loops) - 1)
-    powers = np.column_stack([place ** (k + 1) for k in range(degrees)])
-    basis = np.column_stack([_partialled(cell, torque, powers[rows, k]) for k in range(degrees)])
-    free = rows.size - 2 * np.unique(cell).size
-    best: tuple[NDArray[Any], NDArray[Any], float] | None = None
-    for degree in range(1, degrees + 1):
-        part_of = basis[:, :degree]
-        solution, *_ = np.linalg.lstsq(part_of, left, rcond=None)
-        squares = float(np.sum((left - part_of @ solution) ** 2))
-        variance = squares / max(free - degree, 1)
-        if best is not None and best[2] - squares <= BENDS * variance:
-            break
-        best = solution, variance * np.linalg.pinv(part_of.T @ part_of), squares
-    assert best is not None
-    solution, covariance, _ = best
-    whole = np.array([float(len(loops)) ** k for k in range(solution.size)])
-    spread = float(np.sqrt(max(float(whole @ covariance @ whole), 0.0)))
-    size = float(whole @ solution)
-    share = spread / max(abs(size), 1e-300)
+    moment = recording.place(loops)  # in loops
+    powers = np.column_stack([moment ** (k + 1) for k in range(degrees)])
+    basis = np.column_stack([_off_lines(cell, torque, powers[rows, k]) for k in range(degrees)])
+    freedom = rows.size - 2 * np.unique(cell).size
+    solution, covariance = _drift_polynomial(basis, _off_lines(cell, torque, angle), freedom)
+    per_loop = np.array([float(len(loops)) ** k for k in range(solution.size)])
+    u = float(np.sqrt(max(float(per_loop @ covariance @ per_loop), 0.0)))
+    size = float(per_loop @ solution)
+    share = u / max(abs(size), 1e-300)
     drift = powers[:, : solution.size] @ solution
     return Drift(drift, size, share, significant=size != 0.0 and share < 1.0 / 3.0)
 
 
-def _partialled(cell: NDArray[np.int64], torque: Floats, values: Floats) -> Floats:
-    """Return the residuals of values about a line over torque in each cell."""
+def _drift_polynomial(basis: Floats, angle: Floats, freedom: int) -> tuple[Floats, Floats]:
+    """Return coefficients and covariance of the lowest degree that no higher one clearly beats."""
+    best: tuple[NDArray[Any], NDArray[Any], float] | None = None
+    for degree in range(1, basis.shape[1] + 1):
+        columns = basis[:, :degree]
+        solution, *_ = np.linalg.lstsq(columns, angle, rcond=None)
+        squares = float(np.sum((angle - columns @ solution) ** 2))
+        variance = squares / max(freedom - degree, 1)
+        if best is not None and best[2] - squares <= BENDS * variance:
+            break
+        best = solution, variance * np.linalg.pinv(columns.T @ columns), squares
+    assert best is not None
+    return best[:2]
+
+
+def _off_lines(cell: NDArray[np.int64], torque: Floats, values: Floats) -> Floats:
+    """Return the deviations of values from a line over torque in each cell."""
     count = np.maximum(np.bincount(cell), 1)
 
     def centred(column: Floats) -> Floats:

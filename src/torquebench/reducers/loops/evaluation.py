@@ -258,6 +258,7 @@ def _drift_at(
 
 
 def _drift_finding(drift: Drift, loops: int, width_rad: float) -> Finding:
+    """Report the drift that was subtracted from the loops."""
     size, share = drift.per_loop_rad / ARCMIN, 100.0 * abs(drift.per_loop_rad) / width_rad
     if loops == 1:
         return Finding(

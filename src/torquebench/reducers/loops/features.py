@@ -111,6 +111,7 @@ def _combined(readings: Sequence[Reading], weights: Sequence[float]) -> Feature:
 
 
 def _check_range(raw: RawLoop, low: float, high: float, settings: LoopSettings) -> None:
+    """Refuse a loop that doesn't pass zero or doesn't reach the stiffness interval."""
     where = Message("loop {number} at position {position:g}", raw.number, raw.position)
     if low >= 0.0 or high <= 0.0:
         raise InputError(
@@ -136,6 +137,7 @@ def _check_range(raw: RawLoop, low: float, high: float, settings: LoopSettings) 
 
 
 def _curve(rising: Pieces, falling: Pieces, low: float, high: float, widest: float) -> LoopCurve:
+    """Return both branches of a loop on one grid of torques, denser around zero."""
     # Twice as dense around zero, where backlash is.
     even = np.linspace(low, high, CURVE_POINTS)
     near = np.linspace(0.1 * low, 0.1 * high, CURVE_POINTS // 2)
@@ -144,9 +146,9 @@ def _curve(rising: Pieces, falling: Pieces, low: float, high: float, widest: flo
     for pieces in (rising, falling):
         angle = LocalLines(pieces[-1], widest).at(grid).value
         if len(pieces) == 2:
-            of_last = LocalLines(pieces[0], widest).at(grid).value
+            first = LocalLines(pieces[0], widest).at(grid).value
             sign = -1.0 if pieces[0].torque.mean() < 0.0 else 1.0
-            angle = np.where(sign * grid >= 0.0, of_last, angle)
+            angle = np.where(sign * grid >= 0.0, first, angle)
         columns.append(angle)
     return LoopCurve(grid, *columns)
 
@@ -174,9 +176,9 @@ def _compliance(pieces: Pieces, sign: int, low_nm: float, high_nm: float) -> Fea
     others = [_line(*_on_interval(load[::2], sign * branch.angle[::2], low_nm, high_nm))[0]]
     if branch.sparse:
         others.append(_line(load[inside], sign * branch.angle[inside], np.ones(inside.sum()))[0])
-    apart = max(abs(slope - other) for other in others)
+    difference = max(abs(slope - other) for other in others)
     noise = branch.noise * gain
-    between = float(np.sqrt(max(apart**2 - (3.0 * noise) ** 2, 0.0) / 3.0))
+    between = float(np.sqrt(max(difference**2 - (3.0 * noise) ** 2, 0.0) / 3.0))
     if len(pieces) == 2 and branch is pieces[1]:
         # The first piece of a single cycle joins the loop somewhere before its end.
         bend = _gap(pieces) / float(np.ptp(branch.torque))
@@ -230,6 +232,7 @@ def _extended(place: Floats, x: Floats, y: Floats) -> Floats:
 def _regions(
     rising: Pieces, falling: Pieces, largest: float, settings: LoopSettings
 ) -> tuple[Feature | None, ...]:
+    """Return the stiffness of the three regions of torque; None for a region not reached."""
     if settings.region_torques_nm is None:
         return (None, None, None)
     first, second = settings.region_torques_nm
@@ -308,12 +311,12 @@ def _closure(raw: RawLoop, recording: Recording) -> tuple[float, float]:
     nearest = slice(-(rows.size // 16 + 4), None)
     load = torque[nearest]
     slope = float(np.polyfit(load, angle[nearest], 1)[0]) if np.ptp(load) > 0.0 else 0.0
-    apart = slope * float(torque[-count:].mean() - torque[:count].mean())
-    beside = angle - slope * torque
-    (start, first), (end, last) = (_outer_end(beside[::way][:count]) for way in (1, -1))
+    gap = slope * float(torque[-count:].mean() - torque[:count].mean())
+    unloaded = angle - slope * torque
+    (start, first), (end, last) = (_outer_end(unloaded[::way][:count]) for way in (1, -1))
     noise = float(np.hypot(noise_of(angle), slope * noise_of(torque))) * (8.0 / count) ** 0.5
     # At a reversal the slope may change by about half of itself.
-    parts = [noise, first, last, recording.step_rad / 6.0**0.5, 0.3 * apart]
+    parts = [noise, first, last, recording.step_rad / 6.0**0.5, 0.3 * gap]
     return end - start, float(np.linalg.norm(parts))
 
 
@@ -324,10 +327,10 @@ def _outer_end(values: Floats) -> tuple[float, float]:
     """
     if values.size < 4:
         return float(values.mean()), 0.0
-    place = np.arange(values.size) - 0.5 * (values.size - 1)
-    slope, middle = np.polyfit(place, values, 1)
-    off = float(np.std(values - middle - slope * place, ddof=2))
-    return float(middle - slope * 0.5 * (values.size - 1)), off
+    position = np.arange(values.size) - 0.5 * (values.size - 1)
+    slope, middle = np.polyfit(position, values, 1)
+    scatter = float(np.std(values - middle - slope * position, ddof=2))
+    return float(middle - slope * 0.5 * (values.size - 1)), scatter
 
 
 def key_points_of(features: LoopFeatures, settings: LoopSettings) -> tuple[KeyPoint, ...]:

@@ -141,8 +141,8 @@ def _between(x: Floats, y: Floats, place: float, value: float, sigma: float) -> 
             lines.append(float(angle[a] + slope * (place - torque[a])))
     if torque[after - 1] <= place <= torque[after]:
         lines = np.clip(lines, *sorted((angle[after - 1], angle[after]))).tolist()
-    apart = max(abs(each - value) for each in lines)
-    return float(np.sqrt(max(apart**2 - (4.0 * sigma) ** 2, 0.0) / 3.0))
+    difference = max(abs(each - value) for each in lines)
+    return float(np.sqrt(max(difference**2 - (4.0 * sigma) ** 2, 0.0) / 3.0))
 
 
 class LocalLines:
@@ -206,6 +206,7 @@ class LocalLines:
         return np.asarray(reach.min(axis=1) * (1 + 1e-12) + 1e-12 * scale)
 
     def _lines(self, x: Floats, half: Floats) -> LocalFit:
+        """Return lines fitted to the samples within given distances of given torques."""
         left = np.searchsorted(self._x, x - half, side="left")
         right = np.searchsorted(self._x, x + half, side="right")
         n, sx, sxx, sy, sxy = (self._sums[right] - self._sums[left]).T

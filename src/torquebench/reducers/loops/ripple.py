@@ -164,6 +164,7 @@ def find_ripple(torque: Floats, angle: Floats) -> Ripple | None:
 
 
 def _line(torque: Floats, angle: Floats) -> Ripple | None:
+    """Return period and amplitude of a ripple in torque and angle; None without one."""
     quick, moved = _quick(torque), _quick(angle)
     window = np.hanning(quick.size)
     power, both = (np.abs(np.fft.rfft(each * window)) ** 2 for each in (quick, moved))

@@ -366,6 +366,7 @@ def _fit_of_side(
     form: Form | Literal["best"],
     points: SpeedPoints,
 ) -> FrictionFit | None:
+    """Fit the friction of one direction of rotation; None if there are too few speeds."""
     speed, torque, count = curve.speed_rpm[side], curve.torque_nm[side], curve.points[side]
     error, freedom = _error_of_means(curve, side)
     if points.ramp is not None:

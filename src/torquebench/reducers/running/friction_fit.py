@@ -263,6 +263,7 @@ def _described(
     exponent: int,
     least_variance: float,
 ) -> FrictionFit:
+    """Return a solution's parameters with their standard uncertainties."""
     names = FORMS[fit.form]
     linear_names = _linear_parts(fit.form)
     basis, slope = _basis(speed, linear_names, fit.stribeck_speed, exponent)

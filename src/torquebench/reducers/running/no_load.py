@@ -350,8 +350,8 @@ def _coefficient(points: SpeedPoints, warmth: Floats) -> Budget | None:
     if freedom < 2 or np.ptp(deviation) < LEAST_RANGE_K:
         return None
     slope = float(np.sum(deviation * relative)) / squares
-    rest = relative - slope * deviation
-    error = float(np.sqrt(np.sum(rest**2) / freedom / squares))
+    residual = relative - slope * deviation
+    error = float(np.sqrt(np.sum(residual**2) / freedom / squares))
     return budget(100.0 * slope, "%/K", [BudgetLine("scatter", 100.0 * error, freedom)])
 
 
@@ -413,12 +413,12 @@ def _scatter(points: SpeedPoints, series: NDArray[np.int64], friction: FrictionR
     keys = np.column_stack([points.group, np.sign(points.branch)])
     cells = np.unique(keys, axis=0, return_inverse=True)[1].ravel()
     count = np.bincount(cells)
-    rest = points.torque - (np.bincount(cells, weights=points.torque) / count)[cells]
+    residual = points.torque - (np.bincount(cells, weights=points.torque) / count)[cells]
     size = np.bincount(series)
     direction = np.sign(points.speed)
     sides = [np.unique(series[direction == sign]) for sign in (1.0, -1.0)]
     between_freedom = sum(max(side.size - 1, 0) for side in sides)
-    freedom = rest.size - count.size - between_freedom
+    freedom = residual.size - count.size - between_freedom
     step = points.resolution_nm
     if freedom < 1:
         if np.isfinite(points.own_nm).all():
@@ -430,8 +430,8 @@ def _scatter(points: SpeedPoints, series: NDArray[np.int64], friction: FrictionR
                 free = fit.degrees_of_freedom
                 return _Scatter(fit.residual_nm, free, 0.0, 0.0, repeated=False, resolution_nm=step)
         return _Scatter(0.0, 0.0, 0.0, 0.0, repeated=False)
-    effect = np.bincount(series, weights=rest) / size
-    within = float(np.sum((rest - effect[series]) ** 2)) / freedom
+    effect = np.bincount(series, weights=residual) / size
+    within = float(np.sum((residual - effect[series]) ** 2)) / freedom
     between = 0.0
     if between_freedom:
         squares = sum(

@@ -199,8 +199,8 @@ def _without_outliers(points: SpeedPoints) -> SpeedPoints:
     speed, torque = points.speed, points.torque
     bad = repeat_outliers(torque, points.group) | _unlike_directions(points)
     for sign in (1.0, -1.0):
-        mine = np.flatnonzero(np.sign(speed) == sign)
-        order = mine[np.argsort(np.abs(speed[mine]), kind="stable")]
+        same_direction = np.flatnonzero(np.sign(speed) == sign)
+        order = same_direction[np.argsort(np.abs(speed[same_direction]), kind="stable")]
         inner = points.group[order]
         # At the slowest and the fastest speed there are no neighbours on both sides.
         inside = (inner != inner[0]) & (inner != inner[-1]) if order.size else np.zeros(0, bool)

@@ -189,12 +189,12 @@ def fit_tare(
     found: dict[int, NDArray[np.float64]] = {}
     rest: list[NDArray[np.float64]] = []
     for sign in (1, -1):
-        mine = np.sign(speed) == sign
-        if not mine.any():
+        same_direction = np.sign(speed) == sign
+        if not same_direction.any():
             continue
         rows = []
-        for number in np.unique(series[mine]):
-            here = mine & (series == number)
+        for number in np.unique(series[same_direction]):
+            here = same_direction & (series == number)
             size = np.abs(speed[here])
             degree = min(HIGHEST_DEGREE, np.unique(np.round(size)).size - 1)
             line = np.polynomial.polynomial.polyfit(size, torque[here], degree)

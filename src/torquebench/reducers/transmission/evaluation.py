@@ -345,8 +345,9 @@ def _direction(
     highest: float,
     time: NDArray[np.float64] | None,
 ) -> DirectionError:
-    shown = [_count_error(run, step, highest) for step in steps]
-    resolution = float(np.linalg.norm(shown)) / ARCSEC
+    """Return the transmission error of one direction with its budget and largest orders."""
+    resolutions = [_count_error(run, step, highest) for step in steps]
+    resolution = float(np.linalg.norm(resolutions)) / ARCSEC
     encoders = float(np.hypot(known.output_rad, known.input_rad / ratio)) / ARCSEC
     peak_to_peak = budget(
         found.peak_to_peak_arcsec,
@@ -420,8 +421,8 @@ def _between_peaks(found: Revolution, known: AngleUncertainty, ratio: float) -> 
     the encoder's angle between both peaks. Other errors contribute √2 times their uncertainty.
     """
     places = found.angle_rad[[np.argmax(found.error_arcsec), np.argmin(found.error_arcsec)]]
-    apart = float(places[0] - places[1])
-    parts = (known.output_rad, apart), (known.input_rad / ratio, apart * ratio)
+    distance = float(places[0] - places[1])
+    parts = (known.output_rad, distance), (known.input_rad / ratio, distance * ratio)
     factors = [each * max(2.0**0.5, 2.0 * abs(np.sin(0.5 * delta))) for each, delta in parts]
     return float(np.hypot(*factors)) / ARCSEC
 
@@ -459,6 +460,7 @@ def _cut(means: list[Revolution]) -> list[Finding]:
 
 
 def _findings(directions: list[DirectionError]) -> list[Finding]:
+    """Report a missing direction and missing repeats."""
     findings = []
     if len(directions) == 1:
         findings.append(

@@ -255,7 +255,7 @@ def _after_a_turn(run: Run, ratio: float) -> tuple[Floats, float]:
 def _step_or_line(angle: Floats, error: Floats, ratio: float) -> tuple[float, float, float, bool]:
     """Return the best step, its angle, the best line's slope, and whether the step fits better.
 
-    Orders of the output and of the input are fitted with them.
+    Each is fitted together with the orders of output and input.
     """
     count = min(6144, angle.size)
     pick = np.unique(np.linspace(0, angle.size - 1, count).astype(np.intp))
@@ -264,16 +264,16 @@ def _step_or_line(angle: Floats, error: Floats, ratio: float) -> tuple[float, fl
     weight = np.diff(edges)
     angle = np.add.reduceat(angle, pick[:-1]) / weight
     error = np.add.reduceat(error, pick[:-1]) / weight
-    most = int(np.clip(angle.size / 24, 3, 60))
-    orders = [*np.arange(1.0, most + 1.0), abs(ratio), 2.0 * abs(ratio), 3.0 * abs(ratio)]
+    highest = int(np.clip(angle.size / 24, 3, 60))
+    orders = [*np.arange(1.0, highest + 1.0), abs(ratio), 2.0 * abs(ratio), 3.0 * abs(ratio)]
     basis = _periodic(angle, list(dict.fromkeys(orders)))
-    rest = error - basis @ (basis.T @ error)
+    residual = error - basis @ (basis.T @ error)
     line = angle - basis @ (basis.T @ angle)
     size = float(line @ line)
-    slope = float(line @ rest) / size if size > 0.0 else 0.0
-    left_line = float(rest @ rest) - slope**2 * size
-    step, left_step, place = _best_step(angle, rest, basis)
-    return step, place, slope, left_step <= left_line
+    slope = float(line @ residual) / size if size > 0.0 else 0.0
+    left_by_line = float(residual @ residual) - slope**2 * size
+    step, left_by_step, step_angle = _best_step(angle, residual, basis)
+    return step, step_angle, slope, left_by_step <= left_by_line
 
 
 def _periodic(angle: Floats, orders: list[float]) -> Floats:

@@ -100,7 +100,7 @@ class SwingsResult:
         )
 
     def limited(self, _limits: DataSheetLimits) -> Iterator[LimitedQuantity]:
-        """Return nothing: data sheets limit both under a torque."""
+        """Return nothing: data sheets limit lost motion and backlash under a torque only."""
         return iter(())
 
 
@@ -274,8 +274,8 @@ def _dead_band(swing: Swing, gap: float, noise: float, step: float) -> tuple[flo
     size = np.sum(basis**2, axis=0)
     along = y @ basis
     gain = np.where((size > 0.0) & (along > 0.0), along**2 / np.where(size > 0.0, size, 1.0), 0.0)
-    left = float(y @ y) - float(gain.max())
-    variance = max(noise**2, step**2 / 12.0, left / max(stop - 3, 1), 1e-30)
+    squares = float(y @ y) - float(gain.max())
+    variance = max(noise**2, step**2 / 12.0, squares / max(stop - 3, 1), 1e-30)
     weight = np.exp(np.maximum((gain - gain.max()) / (2.0 * variance), -700.0))
     band = float(weight @ starts / weight.sum())
     at = int(np.clip(np.searchsorted(travel[:stop], band), 1, stop - 1))

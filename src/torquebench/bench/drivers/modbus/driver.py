@@ -125,6 +125,7 @@ class ModbusDrive:
     def _command(
         self, mode: DriveMode, value: float, rate: float, maximum: float, unit: str
     ) -> None:
+        """Write set point and mode to the drive; refuse a drive that is off."""
         check_drive_order(self._link.name, value, rate, maximum, unit)
         place = DriveCommand.TORQUE if mode is DriveMode.TORQUE else DriveCommand.SPEED
         numbers = [*register_map.from_float(value), *register_map.from_float(rate)]

@@ -78,6 +78,7 @@ class ModbusLink(Link[Any]):
         """Communicate with the unit; `what` names the request in messages."""
 
         def question(client: Any) -> Any:
+            """Exchange data with the device; turn its failures into the errors of wires."""
             try:
                 answer = ask(client)
             except self._failures as error:

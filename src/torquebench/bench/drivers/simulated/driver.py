@@ -357,6 +357,7 @@ class SimulatedBench:
     def _command(
         self, side: Side, quantity: Literal["torque", "speed"], target: float, rate: float
     ) -> None:
+        """Begin a ramp of a drive's torque or speed; refuse a drive that is off."""
         with self._lock:
             axes = self._axes[side]
             if not axes.enabled:

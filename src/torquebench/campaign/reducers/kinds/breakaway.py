@@ -105,10 +105,10 @@ def _rising(ramp: Breakaway, side: Side) -> tuple[FloatArray, FloatArray, FloatA
 
 def _figure(result: BreakawayResult) -> str:
     """Draw the torque at first motion of every ramp over the position."""
-    place = np.array([each.position for each in result.runs])
-    known = bool(np.all(np.isfinite(place)))
+    position = np.array([each.position for each in result.runs])
+    known = bool(np.all(np.isfinite(position)))
     if not known:
-        place = np.array([each.label for each in result.runs])
+        position = np.array([each.label for each in result.runs])
     torque = np.array([each.torque_nm for each in result.runs])
     error = 2.0 * np.array([each.standard_uncertainty_nm for each in result.runs])
     with styled():
@@ -117,13 +117,13 @@ def _figure(result: BreakawayResult) -> str:
             (COLOURS[0], 1.0, "^", "clockwise", result.clockwise),
             (COLOURS[1], -1.0, "v", "counter-clockwise", result.counter_clockwise),
         ):
-            mine = np.sign(torque) == sign
-            if not mine.any() or middle is None:
+            same_direction = np.sign(torque) == sign
+            if not same_direction.any() or middle is None:
                 continue
             axes.errorbar(
-                place[mine],
-                np.abs(torque[mine]),
-                error[mine],
+                position[same_direction],
+                np.abs(torque[same_direction]),
+                error[same_direction],
                 fmt=marker,
                 color=colour,
                 markersize=5,

@@ -73,17 +73,17 @@ def _figure(result: EfficiencyMap) -> str:
 
     Where only one torque or one speed was measured there are no iso-lines.
     """
-    mine = [each for each in result.points if each.driving == "input"] or list(result.points)
-    direction = 1 if any(each.speed_rpm > 0 for each in mine) else -1
-    mine = [each for each in mine if each.speed_rpm * direction > 0]
-    speed = np.array([each.speed_rpm for each in mine])
-    torque = np.array([each.torque_nm for each in mine])
-    value = np.array([each.efficiency.value for each in mine])
+    points = [each for each in result.points if each.driving == "input"] or list(result.points)
+    direction = 1 if any(each.speed_rpm > 0 for each in points) else -1
+    points = [each for each in points if each.speed_rpm * direction > 0]
+    speed = np.array([each.speed_rpm for each in points])
+    torque = np.array([each.torque_nm for each in points])
+    value = np.array([each.efficiency.value for each in points])
     with styled():
         figure, (axes,) = new_figure(3.9)
         axes.grid(visible=False)
-        if _different(speed) >= LEAST_MAP and _different(torque) >= LEAST_MAP:
-            speeds, torques, found = result.grid(mine[0].driving, direction, 241)
+        if _count_levels(speed) >= LEAST_MAP and _count_levels(torque) >= LEAST_MAP:
+            speeds, torques, found = result.grid(points[0].driving, direction, 241)
             shown = np.ma.masked_invalid(found)
             filled = axes.contourf(speeds, torques, shown, 14, cmap="viridis")
             figure.colorbar(filled, ax=axes, label="efficiency in %", pad=0.02)
@@ -111,8 +111,8 @@ def _figure(result: EfficiencyMap) -> str:
         return svg_text(figure)
 
 
-def _different(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> int:
-    """Count the values that differ by more than 2 % of the largest."""
+def _count_levels(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> int:
+    """Return the number of levels of a set point: they differ by more than 2 % of the largest."""
     ordered = np.sort(np.abs(values))
     return 1 + int(np.count_nonzero(np.diff(ordered) > 0.02 * ordered[-1]))
 

@@ -185,6 +185,7 @@ def _figure(result: HysteresisResult) -> str:
 
 
 def _mark_key_points(whole: Axes, near: Axes, result: HysteresisResult) -> None:
+    """Mark and label the key points of the first loop in both charts."""
     curve = result.loops[0].curve
     middle = 0.5 * float(
         np.interp(0.0, curve.torque_nm, curve.rising_rad)
