@@ -11,6 +11,7 @@ import pytest
 from tests.peers.cable import Cable
 from tests.peers.displays import DisplayPeer
 from tests.peers.hbm_amplifiers import HbmPeer
+from tests.peers.moteus_controller import MoteusPeer
 from tests.peers.opcua_plc import PlcPeer
 from tests.peers.plc import AdsPlc, S7Plc
 from tests.system.networked import WATCHDOG_S, daqmx, described, hasty, modbus
@@ -136,7 +137,18 @@ def _peers() -> Iterator[dict[str, PeerSide]]:
             "display": PeerSide(shown, display),
             "opcua": PeerSide(by_plc, cable),
         }
-        with AdsPlc({"fA": lambda: 10.0}) as ads, S7Plc({"fA": lambda: 10.0}) as s7:
+        with (
+            AdsPlc({"fA": lambda: 10.0}) as ads,
+            S7Plc({"fA": lambda: 10.0}) as s7,
+            MoteusPeer(3) as controller,
+        ):
+            keys = {"maximum_torque_nm": 20.0, "maximum_speed_rpm": 600.0, "node": 3}
+            moteus = described(
+                input_drive={"protocol": "moteus", "address": controller.address} | keys
+            )
+            drive = moteus.input.drive.model_copy(update={"serial": "11223344556677880A0B0C0D"})
+            module = moteus.input.model_copy(update={"drive": drive})
+            benches["moteus"] = PeerSide(moteus.model_copy(update={"input": module}), controller)
             yield benches | {"ads": _plc(ads, shown), "s7": _plc(s7, shown)}
 
 
@@ -273,6 +285,13 @@ CASES = [
                 lossy=True,
             ),
         )
+    ),
+    Case(
+        "moteus-drive",
+        "input_drive",
+        variant="moteus",
+        read=lambda i: i.state(),
+        right=lambda s: not s.enabled,
     ),
     Case(
         "ads-temperature",

@@ -46,6 +46,7 @@ _BUILT_IN = {
     "nidaqmx": "torquebench.bench.drivers.daqmx",
     "opendaq": "torquebench.bench.drivers.open_daq",
     "opcua": "torquebench.bench.drivers.opcua",
+    "moteus": "torquebench.bench.drivers.moteus_drive",
     "ads": "torquebench.bench.drivers.ads",
     "s7": "torquebench.bench.drivers.s7",
     "hbm": "torquebench.bench.drivers.hbm",
