@@ -473,7 +473,7 @@ class Acquisition:
                     standard_uncertainty_nm,
                 )
                 if channel.side in self._compensations:
-                    self._compensations[channel.side].zero = self._zeroed[channel.side]
+                    self._compensations[channel.side].take_zero(self._zeroed[channel.side])
 
     # -- compensation -----------------------------------------------------------------------
 

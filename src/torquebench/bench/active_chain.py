@@ -104,6 +104,11 @@ class ActiveChain:
         measured = self.chain.find(MeasuredRotation) is not None
         return measured and "rotation" not in self.chain.switches
 
+    def take_zero(self, zero: ZeroTaken) -> None:
+        """Let the next readings count from a zero that was just taken without load."""
+        self.zero, self._fine = zero, None
+        self._stream.take_zero()
+
     def push(
         self,
         record: Record,

@@ -159,6 +159,9 @@ class Effect(ABC):
     def forget(self) -> None:  # noqa: B027 - most have no memory
         """Discard the history, as after a gap or a fault."""
 
+    def take_zero(self) -> None:  # noqa: B027 - most have no memory
+        """Let the next readings count from a zero that was just taken without load."""
+
     def specification(self) -> dict[str, Any]:
         """Return kind and fields as JSON-ready values."""
         return {"kind": self.kind, **{each.name: getattr(self, each.name) for each in fields(self)}}

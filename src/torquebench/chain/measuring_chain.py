@@ -371,6 +371,11 @@ class ChainStream:
         self._last_s = float("nan")
         self._forget()
 
+    def take_zero(self) -> None:
+        """Let the next readings count from a zero that was just taken without load."""
+        for effect in self._effects:
+            effect.take_zero()
+
     def _forget(self) -> None:
         for effect in self._effects:
             effect.forget()

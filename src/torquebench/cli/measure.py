@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 
 __all__ = ["measure"]
 
+UNLOADED_SHARE, RESOLUTION_SHARE = 5e-3, 2e-5
+"""Of full scale: less torque counts as no load, and less hysteresis as none."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Measured(Told):
@@ -153,13 +156,18 @@ class MeasuredSide:
     state : str
         "compensated", "raw", "beyond range" or the fault's name.
     detail : str
-        For a value beyond a range: the effect, the value and the range.
+        For a value beyond a range: the effect, the value and the range. Without load: the
+        hysteresis that earlier loads left.
+    hysteresis_nm, hysteresis_expanded_nm : float or None
+        Part of the torque and of U (k = 2) due to earlier loads.
     """
 
     torque_nm: float | None
     expanded_uncertainty_nm: float | None
     state: str
     detail: str = ""
+    hysteresis_nm: float | None = None
+    hysteresis_expanded_nm: float | None = None
 
     def text(self, whole: int, decimals: int) -> str:
         """Return torque ± U with fixed digits, or the state in a field of the same width."""
@@ -210,7 +218,7 @@ def _torque(side: Side, blocks: list[Block], active: ActiveChain | None = None) 
 
     from torquebench.bench.blocks import fault_of
     from torquebench.bench.roles import torque_channel
-    from torquebench.chain import joined
+    from torquebench.chain import COVERAGE_FACTOR, joined
 
     records = [block.records[torque_channel(side)] for block in blocks]
     fault = next((fault_of(record) for record in records if record["fault"].any()), None)
@@ -225,9 +233,31 @@ def _torque(side: Side, blocks: list[Block], active: ActiveChain | None = None) 
                 refusal = active.refusal(side, blocks[0].start_s, blocks[-1].stop_s)
             return MeasuredSide(None, None, "beyond range", _range_of(refusal))
         value, expanded = float(mean.value_nm[0]), float(mean.expanded_uncertainty_nm[0])
-        return MeasuredSide(value, expanded, "compensated")
+        added = float(mean.added("hysteresis")[0])
+        unsure = COVERAGE_FACTOR * float(mean.component("hysteresis")[0])
+        detail = "" if active is None else _hysteresis(side, active, value, added, unsure)
+        return MeasuredSide(value, expanded, "compensated", detail, added, unsure)
     torque = np.concatenate([record["reading_nm"] for record in records])
     return MeasuredSide(float(np.mean(torque)), None, "raw")
+
+
+def _hysteresis(
+    side: Side, active: ActiveChain, torque_nm: float, added_nm: float, expanded_nm: float
+) -> str:
+    """Return what earlier loads leave on an unloaded chain, if it is more than its resolution."""
+    from torquebench.message import Message
+
+    full_scale_nm = float(active.chain.model.full_scale_nm_)
+    unloaded = abs(torque_nm) < UNLOADED_SHARE * full_scale_nm
+    if not unloaded or abs(added_nm) + expanded_nm < RESOLUTION_SHARE * full_scale_nm:
+        return ""
+    return Message(
+        "{side} without load: {added:+.2g} ± {expanded:.2g} N·m of it are hysteresis, which earlier "
+        "loads left; a new zero removes it",
+        side,
+        added_nm,
+        expanded_nm,
+    )
 
 
 def _range_of(refusal: InputError | None) -> str:

@@ -441,6 +441,8 @@ class HistoryCompensator:
         self._grid = self.operator.reference[0]
         self._calibrated = np.concatenate((self.operator.reference[1:], even.reference[1:]))
         self._tracker = BranchTracker((self.operator, even))
+        self._unloaded_nm = float(_GENERIC_WIDTHS[0] * self.operator.full_scale_nm)
+        self._zero_nm, self._farthest_nm = 0.0, float("inf")
 
     def copy(self) -> HistoryCompensator:
         """Return a second compensator in the same state."""
@@ -451,6 +453,17 @@ class HistoryCompensator:
     def forget(self) -> None:
         """Discard the history, as after a gap in the readings or a fault."""
         self._tracker.forget()
+        self._farthest_nm = float("inf")
+
+    def take_zero(self) -> None:
+        """Let the next readings count from a zero that was just taken without load.
+
+        A reading of 0 is a torque of 0 until the first load. What remains after that load is
+        hysteresis. A load that moves no play operator leaves nothing.
+        """
+        self._farthest_nm = float("inf")
+        self._zero_nm = self.copy().push(0.0).torque_nm
+        self._farthest_nm = 0.0
 
     def push(self, reading_nm: ArrayLike | float) -> LiveTorque:
         """Compensate the next readings of the stream.
@@ -494,7 +507,19 @@ class HistoryCompensator:
             up, down = self.table.uncertainty_curve.branches(reading)
             u = number.sqrt(share * (up * up) + (1.0 - share) * (down * down))
         middle = 0.5 * (rising + falling)
-        return LiveTorque(*in_rows(like, 0.5 * (one + other), 2.0 * share - 1.0, half, u, middle))
+        torque = 0.5 * (one + other)
+        if self._farthest_nm < self._unloaded_nm:
+            loaded = self._loaded(reading)
+            torque, half = torque - (1.0 - loaded) * self._zero_nm, loaded * half
+        return LiveTorque(*in_rows(like, torque, 2.0 * share - 1.0, half, u, middle))
+
+    def _loaded(self, reading_nm: FloatArray | float) -> Any:
+        """Return how far the chain was loaded since its zero: 0 not at all, 1 where it counts."""
+        sizes = np.abs(np.append(self._farthest_nm, reading_nm))
+        farthest = np.maximum.accumulate(sizes)[1:]
+        self._farthest_nm = float(np.max(sizes))
+        loaded = np.minimum((farthest / self._unloaded_nm) ** 2, 1.0)
+        return loaded if isinstance(reading_nm, np.ndarray) else float(loaded[0])
 
 
 def _in_loop(

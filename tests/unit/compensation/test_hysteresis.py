@@ -210,6 +210,31 @@ def test_intervals_hold_on_walks_with_inner_loops_whether_the_past_is_known_or_n
     assert np.mean(unknown) > 0.85
 
 
+def test_a_zeroed_chain_reads_zero_until_it_is_loaded(stated):
+    """Then hysteresis remains, as it would without the zero."""
+    _, table, operator = stated
+    zeroed, plain = (HistoryCompensator(table, operator) for _ in range(2))
+    noise = 1e-4 * _FS * np.random.default_rng(3).standard_normal(50)
+    for compensator in (zeroed, plain):
+        compensator.push(_FS * np.linspace(0.0, 0.8, 50))
+        compensator.push(_FS * np.linspace(0.8, 0.0, 50))
+    zeroed.take_zero()
+    alone = [zeroed.copy().push(float(value)) for value in noise[:1]]
+    live = zeroed.push(noise)
+    remaining = plain.push(noise)
+    assert alone[0].torque_nm == pytest.approx(live.torque_nm[0], abs=1e-9 * _FS)
+    assert np.all(np.abs(live.torque_nm - noise) < 0.3 * np.abs(noise) + 1e-5 * _FS)
+    assert np.max(live.half_width_nm) < 0.2 * np.max(remaining.half_width_nm)
+    loaded = _FS * np.concatenate([np.linspace(0.0, 0.8, 50), np.linspace(0.8, 0.0, 50)])
+    before = plain.push(loaded)
+    in_blocks = zeroed.copy()
+    after = zeroed.push(loaded)
+    np.testing.assert_array_equal(after.torque_nm[3:], before.torque_nm[3:])
+    np.testing.assert_array_equal(after.half_width_nm[3:], before.half_width_nm[3:])
+    pieces = [in_blocks.push(part).torque_nm for part in np.split(loaded, [1, 2, 60])]
+    np.testing.assert_array_equal(np.concatenate(pieces), after.torque_nm)
+
+
 @settings(max_examples=15)
 @given(turns=st.lists(st.floats(-0.95, 0.95), min_size=3, max_size=12))
 def test_after_full_cycles_no_walk_leads_far_out_of_the_intervals(stated, turns):

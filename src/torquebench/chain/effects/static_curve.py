@@ -173,6 +173,9 @@ class _FollowedCurve(Effect):
     def forget(self) -> None:
         self.history.forget()
 
+    def take_zero(self) -> None:
+        self.history.take_zero()
+
     def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return curve and hysteresis of the next readings; NaN outside the calibrated range."""
         inside = self.curve.inside(torque_nm)
