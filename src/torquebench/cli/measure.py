@@ -252,8 +252,8 @@ def _hysteresis(
     if not unloaded or abs(added_nm) + expanded_nm < RESOLUTION_SHARE * full_scale_nm:
         return ""
     return Message(
-        "{side} without load: {added:+.2g} ± {expanded:.2g} N·m of it are hysteresis, which earlier "
-        "loads left; a new zero removes it",
+        "{side} without load: {added:+.2g} ± {expanded:.2g} N·m of it are hysteresis, which "
+        "earlier loads left; a new zero removes it",
         side,
         added_nm,
         expanded_nm,
