@@ -15,10 +15,12 @@ from bluesky.utils import Msg
 from ophyd_async.core import Device
 
 from torquebench.bench.devices import BenchDevices, RampTo, SteadySettings
+from torquebench.bench.devices.steady import SteadyTorque
 from torquebench.bench.interlocks import PlannedState
 from torquebench.bench.roles import SIDES, Side
 from torquebench.bench.state import Quantity
-from torquebench.errors import TorquebenchError
+from torquebench.errors import InputError, TorquebenchError
+from torquebench.message import Message
 from torquebench.procedures.setup import Plan
 from torquebench.units import RPM_PER_RAD_S
 
@@ -27,6 +29,23 @@ __all__ = ["Move", "Rehearsal", "rehearse"]
 Result = TypeVar("Result")
 
 ROOM_C = 23.0
+
+
+FEWEST_VALUES = 3
+"""Values of a transducer in the mean of a step: fewer may be lost by a busy computer."""
+
+
+def _check_quick_enough(steady: SteadyTorque, settings: SteadySettings) -> None:
+    """Refuse steps that end before a slow amplifier or read-out has stated enough values."""
+    for channel, period_s in steady.value_periods_s(reference=settings.reference).items():
+        if settings.window_s < FEWEST_VALUES * period_s * (1.0 - 1e-9):
+            raise InputError(
+                Message("steps are averaged over {window_s:g} s, {channel} states a value each "
+                        "{period_s:g} s", settings.window_s, channel, period_s),
+                Message("at least {count} values in a step", FEWEST_VALUES),
+                "choose a profile with longer steps (--profile staircase), or shorten "
+                "counter.window_s or the read-out's period_s",
+            )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -158,6 +177,8 @@ class _Stage:
         elif message.command == "trigger":
             if message.obj is not self.devices.recorder:
                 settings = self._settings_of(message.obj)
+                if isinstance(message.obj, SteadyTorque):
+                    _check_quick_enough(message.obj, settings)
                 self.now_s += settings.settle_s + settings.window_s
         elif message.command in ("read", "locate"):
             return self._read(message)

@@ -1,11 +1,18 @@
 """A plan is gone through, checked and timed before anything moves."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
 import bluesky.plan_stubs as bps
 import numpy as np
 import pytest
 
-from torquebench.bench.description import default_bench
-from torquebench.bench.roles import Seating
+from torquebench.bench.description import StandardDescription, default_bench
+from torquebench.bench.drivers.simulated import driver
+from torquebench.bench.drivers.simulated.readout import SimulatedReadout
+from torquebench.bench.roles import SIDES, Seating
 from torquebench.calibration import Step, load_profile
 from torquebench.errors import InputError, InterlockError, LimitError
 from torquebench.procedures import calibrate, friction_sweep, rehearse, verify
@@ -17,6 +24,7 @@ from torquebench.procedures.reducers.turning import TransmissionSettings, transm
 from torquebench.procedures.turning.calibrating import calibrate_turning
 from torquebench.procedures.turning.empty import EmptyTable, turn_empty
 from torquebench.procedures.turning.profile import load_turning_profile
+from torquebench.signals import FrequencyCounter
 from torquebench.station import Station
 from torquebench.units import RPM_PER_RAD_S
 
@@ -71,6 +79,53 @@ def test_a_step_beyond_the_limit_is_refused_before_anything_moves(station: Stati
     with pytest.raises(LimitError, match="2500"):
         rehearse(station.devices, plan)
     assert station.drivers.operator.mounted() == "nothing"
+
+
+@contextmanager
+def bench(folder: Path, *, window_s: float = 0.01, reference: str = "edges") -> Iterator[Station]:
+    """Open a simulated bench whose counter, or whose standard's read-out, is slow."""
+    described = default_bench()
+    counter = described.counter.model_copy(update={"window_s": window_s, "block_s": window_s * 5})
+    driver = dict(described.driver) | {"reference": reference}
+    changed = described.model_copy(update={"counter": counter, "driver": driver})
+    with Station.open(changed, folder / "data") as station:
+        yield station
+
+
+@pytest.mark.parametrize(("window_s", "profile"), [(0.15, "rapid-in-situ"), (0.1, "staircase")])
+def test_an_amplifier_too_slow_for_a_step_is_refused_before_anything_moves(
+    tmp_path: Path, window_s: float, profile: str
+) -> None:
+    chosen = load_profile(profile)
+    with bench(tmp_path, window_s=window_s) as station:
+        plan = calibrate(station.devices, "output", chosen)
+        if profile == "staircase":
+            assert rehearse(station.devices, plan).points
+            return
+        with pytest.raises(InputError, match=r"0\.3 s, output_torque states a value each 0\.15 s"):
+            rehearse(station.devices, plan)
+        assert station.drivers.operator.mounted() == "nothing"
+
+
+def test_a_standard_whose_read_out_is_slower_than_the_counter_is_enough(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class SlowReadout(SimulatedReadout):
+        period_s = 0.05
+
+        def connect(self, standard: StandardDescription | None) -> None:
+            super().connect(standard)
+            timebase_hz = self._counting.timebase_hz
+            counter = partial(FrequencyCounter, "regression", self.period_s, timebase_hz)
+            self._counters = {side: counter() for side in SIDES}
+
+    monkeypatch.setattr(driver, "SimulatedReadout", SlowReadout)
+    with bench(tmp_path, window_s=0.01, reference="readout") as station:
+        plan = calibrate(station.devices, "output", COARSE)
+        assert rehearse(station.devices, plan).points
+        taken = station.run(calibrate(station.devices, "output", COARSE), kind="calibrate-output")
+    data = taken.result.data
+    np.testing.assert_allclose(data.standard_nm, data.reading_nm, atol=25.0)
 
 
 def test_a_speed_beyond_the_limit_is_refused(station: Station) -> None:

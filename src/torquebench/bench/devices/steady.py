@@ -284,12 +284,12 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
             An effect refuses readings even after the step has settled; the message names it.
         """
         compensated = active.window(start_s, stop_s)
-        least = self._least_windows(start_s, stop_s) - active.late_windows
-        if compensated is None or compensated[0].size < max(least, 2):
+        windows = self._least_windows(start_s, stop_s, torque_channel(self.side))
+        if compensated is None or compensated[0].size < max(windows - active.late_windows, 2):
             raise SignalFault(
                 Message(
                     "{windows} windows, of which {size} were compensated",
-                    self._least_windows(start_s, stop_s),
+                    windows,
                     0 if compensated is None else compensated[0].size,
                 ),
                 "all of them",
@@ -308,13 +308,31 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         shift_nm = steady.value - float(mean.value_nm[0])
         return mean.steady(shift_nm, steady.standard_error, active.chain.steps_nm)
 
-    def _least_windows(self, start_s: float, stop_s: float) -> int:
-        window_s = self._context.description.counter.window_s
-        return max(int((stop_s - start_s) / window_s) - 1, 2)
+    def value_periods_s(self, *, reference: bool) -> dict[str, float]:
+        """Return the time from one value to the next by channel; a read-out has a time of its own.
+
+        Parameters
+        ----------
+        reference : bool
+            Whether the mounted standard is read, too.
+        """
+        window_s, readout = (
+            self._context.description.counter.window_s,
+            self._context.drivers.reference,
+        )
+        periods = {torque_channel(self.side): window_s}
+        if reference:
+            period_s = window_s if readout is None else max(window_s, readout.period_s)
+            periods[reference_channel(self.side)] = period_s
+        return periods
+
+    def _least_windows(self, start_s: float, stop_s: float, channel: str) -> int:
+        period_s = self.value_periods_s(reference=True)[channel]
+        return max(int((stop_s - start_s) / period_s + 1e-9) - 1, 2)
 
     def _check_complete(self, channel: str, record: Record, start_s: float, stop_s: float) -> None:
         """Refuse an interval in which windows of a channel are missing."""
-        least = self._least_windows(start_s, stop_s)
+        least = self._least_windows(start_s, stop_s, channel)
         if len(record) < least:
             raise SignalFault(
                 Message(
