@@ -9,7 +9,6 @@ by a thread behind a socket.
 
 # %%
 # The instrument:
-import socket
 import socketserver
 import threading
 
@@ -34,50 +33,50 @@ threading.Thread(target=server.serve_forever, daemon=True).start()
 address = "{}:{}".format(*server.server_address)
 
 # %%
-# The driver. Every call has a time limit, a wrong answer is an error with found, allowed and
-# remedy, and closing twice does nothing.
+# The driver. `LineLink` waits for whole lines, has a time limit, connects again and repeats a
+# question once. A probe without a valid answer is missing, and never an old value.
+import contextlib
+
 from torquebench.bench.drivers.base import Identity
-from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest, Options
+from torquebench.bench.drivers.lines import LineLink, LineOptions
+from torquebench.bench.drivers.links import WireError
+from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
 from torquebench.errors import BenchError
 
 
-class ProbeOptions(Options):
+class ProbeOptions(LineOptions):
     """Keys of ``[driver.temperature]``."""
 
-    address: str
     timeout_s: float = 0.5
 
 
-class Probes:
+class Probes(LineLink):
     """Two probes."""
 
     def __init__(self, options):
-        host, _, port = options.address.rpartition(":")
-        self._socket = socket.create_connection((host, int(port)), options.timeout_s)
-        self._lock = threading.Lock()
+        super().__init__("probes", options, options.timeout_s)
 
     def identity(self):
         """Return what the instrument is."""
-        return Identity("in-house", "probes", "1")
+        return Identity("temperature", "in-house", "probes", "1")
 
     def temperatures(self):
-        """Return the temperature of every probe, °C; a probe without an answer is missing."""
-        return {"ambient": self._ask("T1?"), "output": self._ask("T2?")}
+        """Return the temperature of every probe, °C."""
+        found = {}
+        for name, command in (("ambient", "T1?"), ("output", "T2?")):
+            with contextlib.suppress(BenchError):
+                found[name] = self.call(lambda line, command=command: ask(line, command))
+        return found
 
-    def close(self):
-        """Close the connection."""
-        self._socket.close()
 
-    def _ask(self, command):
-        with self._lock:
-            self._socket.sendall(f"{command}\n".encode())
-            answer = self._socket.recv(64).decode().strip()
-        try:
-            return float(answer)
-        except ValueError:
-            raise BenchError(
-                f"{command} answered {answer!r}", "a number", "check the probe's cable"
-            ) from None
+def ask(connection, command):
+    """Return the number that answers a command; another answer is asked for again."""
+    connection.send(command)
+    answer = connection.receive(0.5)
+    try:
+        return float(answer)
+    except ValueError:
+        raise WireError(f"{command} is answered with {answer!r}") from None
 
 
 def open_probes(request: InstrumentRequest):

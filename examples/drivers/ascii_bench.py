@@ -1,0 +1,156 @@
+"""Drivers of one's own: a drive and a standard's read-out that speak lines of text.
+
+Announce `PLUGIN` in a package's pyproject.toml, and write `protocol = "ascii"` in the bench
+description:
+
+    [project.entry-points."torquebench.drivers"]
+    ascii = "ascii_bench:PLUGIN"
+
+`LineLink` keeps the rules of the page "Write a driver": it waits for whole lines, has a time limit,
+serves one caller at a time, connects again and repeats a request once.
+"""
+
+import numpy as np
+
+from torquebench.bench.drivers.base import DriveLimits, DriveState, Identity, Side
+from torquebench.bench.drivers.lines import LineLink, LineOptions
+from torquebench.bench.drivers.links import TimeOut, WireError, check_drive_order, drive_timeout
+from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
+from torquebench.bench.drivers.sample_clock import SampleClock
+from torquebench.bench.roles import SIDES
+from torquebench.errors import BenchError
+from torquebench.signals import Record
+
+
+class AsciiOptions(LineOptions):
+    """Keys of the sections: those of a line (address, baud_rate ...) and the time-out."""
+
+    timeout_s: TimeOut | None = None
+
+
+class AsciiLink(LineLink):
+    """Asks for numbers: `ID?` answers texts, everything else numbers, or ERR and a reason."""
+
+    def words(self, line: str) -> list[str]:
+        """Send a line and return the words of its answer."""
+        answer = self.query(line)
+        if answer.startswith("ERR"):
+            raise BenchError(f"{self.name}: {line!r} is refused: {answer}", "OK", "read the manual")
+        return answer.split()
+
+    def numbers(self, line: str, count: int) -> list[float]:
+        """Send a line and return the numbers of its answer; other answers are asked for again."""
+
+        def exchange(connection):
+            connection.send(line)
+            words = connection.receive(self.timeout_s).split()
+            try:
+                numbers = [float(word) for word in words]
+            except ValueError as error:
+                raise WireError(f"{line} is answered with {words}") from error
+            if count and len(numbers) != count:
+                raise WireError(f"{line} is answered with {len(numbers)} numbers")
+            return numbers
+
+        return self.call(exchange)
+
+
+class AsciiDrive:
+    """A drive that ramps by itself and has its own watchdog: `WD seconds` sets it, `FEED` feeds."""
+
+    def __init__(self, link: AsciiLink, side: Side, watchdog_s: float):
+        self._link, self._side, self._watchdog_s = link, side, watchdog_s
+        torque_nm, speed_rad_s = link.numbers("LIM?", 2)
+        self._limits = DriveLimits(torque_nm, speed_rad_s)
+
+    def identity(self):
+        """Read manufacturer, model and serial number."""
+        return Identity(f"{self._side}.drive", *self._link.words("ID?")[:3])
+
+    def limits(self):
+        """Return the limits that were read on opening."""
+        return self._limits
+
+    def enable(self):
+        """Set the watchdog, then power the motor at zero torque."""
+        self._link.words(f"WD {self._watchdog_s}")
+        self._link.words("ON")
+
+    def disable(self):
+        """Switch the power off."""
+        self._link.words("OFF")
+
+    def command_torque(self, torque_nm, ramp_nm_per_s):
+        """Ramp to a torque."""
+        check_drive_order(self._link.name, torque_nm, ramp_nm_per_s, self._limits.torque_nm, "N·m")
+        self._link.words(f"TQ {torque_nm} {ramp_nm_per_s}")
+
+    def command_speed(self, speed_rad_s, ramp_rad_per_s2):
+        """Ramp to a speed."""
+        most = self._limits.speed_rad_s
+        check_drive_order(self._link.name, speed_rad_s, ramp_rad_per_s2, most, "rad/s")
+        self._link.words(f"SP {speed_rad_s} {ramp_rad_per_s2}")
+
+    def ramp_to_zero(self, duration_s):
+        """One command: the drive completes it even if this computer hangs."""
+        self._link.words(f"ZERO {duration_s}")
+
+    def feed_watchdog(self):
+        """Nothing else feeds the watchdog."""
+        self._link.words("FEED")
+
+    def state(self):
+        """Read power, fault, and the set points on their ramps."""
+        on, fault, torque_nm, speed_rad_s = self._link.numbers("ST?", 4)
+        text = "" if not fault else "watchdog" if fault == 1 else f"fault {fault:g}"
+        return DriveState(bool(on), torque_nm, speed_rad_s, text)
+
+    def close(self):
+        """Disconnect; a second call does nothing."""
+        self._link.close()
+
+
+class AsciiReadout:
+    """A standard's amplifier: `V? 1` answers all values of channel 1 since the last question.
+
+    It states no times. A `SampleClock` finds them: values are `period_s` apart, and the newest is
+    as old as the quickest answer so far allows.
+    """
+
+    period_s = 0.01
+
+    def __init__(self, link: AsciiLink):
+        self._link = link
+        self._clocks = {side: SampleClock(self.period_s) for side in SIDES}
+        for side in SIDES:
+            link.numbers(f"V? {SIDES.index(side) + 1}", 0)  # old values
+
+    def identity(self):
+        """Read manufacturer, model and serial number."""
+        return Identity("reference", *self._link.words("ID?")[:3])
+
+    def read(self, side: Side, until_s: float, timed_s: float) -> Record:
+        """Return the values up to a bench time."""
+        values = self._link.numbers(f"V? {SIDES.index(side) + 1}", 0)
+        return self._clocks[side].take(np.array(values), until_s, timed_s)
+
+    def close(self):
+        """Disconnect; a second call does nothing."""
+        self._link.close()
+
+
+def _drive(request: InstrumentRequest):
+    options = request.read(AsciiOptions)  # names a misspelt key
+    watchdog_s = request.description.module(request.side).drive.watchdog_s
+    timeout_s = drive_timeout(options.timeout_s, watchdog_s, request.section)
+    with AsciiLink(request.section, options, timeout_s).kept() as link:
+        return AsciiDrive(link, request.side, watchdog_s)
+
+
+def _readout(request: InstrumentRequest):
+    options = request.read(AsciiOptions)
+    with AsciiLink(request.section, options, options.timeout_s or 0.5).kept() as link:
+        return AsciiReadout(link)
+
+
+PLUGIN = DriverPlugin("ascii", {"drive": _drive, "reference": _readout})

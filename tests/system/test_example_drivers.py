@@ -1,0 +1,142 @@
+"""The drivers of examples/drivers keep the contract."""
+
+import importlib.util
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from tests.peers.lines import LinePeer
+from tests.peers.motor import Motor
+from tests.system.networked import HASTY_DRIVE_S, described
+
+from torquebench.bench.description import BenchDescription
+from torquebench.bench.drivers import plugins
+from torquebench.bench.drivers.instruments import open_role
+from torquebench.testing.drivers import DriverCase, DriverContract
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "drivers" / "ascii_bench.py"
+
+
+def example() -> Any:
+    spec = importlib.util.spec_from_file_location("ascii_bench", EXAMPLE)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+class AsciiPeer(LinePeer):
+    """A drive and an amplifier of 100 values a second behind one port."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.motor = Motor()
+        self._asked_s = {"1": time.monotonic(), "2": time.monotonic()}
+
+    def answer(self, line: str) -> str:
+        word, *rest = line.split()
+        motor = self.motor
+        with motor.lock:
+            motor.look()
+            if word == "ID?":
+                return "peers ascii A-1"
+            if word == "LIM?":
+                return "60 150"
+            if word == "ST?":
+                fault = 1 if motor.tripped else 0
+                return f"{int(motor.on)} {fault} {motor.torque.present} {motor.speed.present}"
+            if word == "V?" and rest[0] in self._asked_s:
+                count = int((time.monotonic() - self._asked_s[rest[0]]) / 0.01)
+                self._asked_s[rest[0]] += 0.01 * count
+                return " ".join(["12.5"] * min(count, 1000)) or " "
+            return self._obey(word, [float(text) for text in rest])
+
+    def _obey(self, word: str, numbers: list[float]) -> str:
+        motor = self.motor
+        if word == "WD":
+            motor.watchdog_s = numbers[0]
+            motor.feed()
+        elif word == "ON":
+            motor.reset()
+            motor.power(True)
+        elif word == "OFF":
+            motor.power(False)
+        elif word == "FEED":
+            motor.feed()
+        elif word == "ZERO":
+            motor.torque.zero(numbers[0])
+            motor.speed.zero(numbers[0])
+        elif word in ("TQ", "SP") and motor.on:
+            (motor.torque if word == "TQ" else motor.speed).go(*numbers)
+        else:
+            return "ERR"
+        return "OK"
+
+
+@pytest.fixture(autouse=True)
+def announced(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = example()
+    point = SimpleNamespace(name="ascii", load=lambda: module.PLUGIN)
+    monkeypatch.setattr(plugins, "entry_points", lambda _: [point])
+
+
+@pytest.fixture(scope="module")
+def running() -> Iterator[AsciiPeer]:
+    with AsciiPeer() as peer:
+        yield peer
+
+
+def bench(peer: AsciiPeer) -> BenchDescription:
+    section = {"protocol": "ascii", "address": peer.address}
+    found = described(output_drive=section | {"timeout_s": 4.9}, reference=section)
+    drive = found.output.drive.model_copy(update={"serial": "A-1"})
+    module = found.output.model_copy(update={"drive": drive})
+    return found.model_copy(update={"output": module})
+
+
+CASES = [
+    DriverCase("drive", "output_drive", lambda i: i.state(), lambda s: not s.enabled),
+    DriverCase(
+        "read-out",
+        "reference",
+        lambda i: i.read("input", 1.0, 1.0),
+        lambda r: r.time_s.shape == r["signal"].shape,
+    ),
+]
+
+
+class TestAscii(DriverContract):
+    @pytest.fixture(params=CASES, ids=lambda case: case.name)
+    def case(self, request: pytest.FixtureRequest) -> DriverCase:
+        found: DriverCase = request.param
+        return found
+
+    @pytest.fixture
+    def peer(self, running: AsciiPeer) -> Iterator[Any]:
+        yield SimpleNamespace(description=bench(running), misbehaviour=running)
+        running.heal()
+
+    def hasty(self, description: BenchDescription) -> BenchDescription:
+        driver = dict(description.driver)
+        for key in ("output_drive", "reference"):
+            driver[key] = driver[key] | {"timeout_s": HASTY_DRIVE_S}
+        return description.model_copy(update={"driver": driver})
+
+
+def test_the_drive_ramps_and_stops_by_its_own_watchdog(running: AsciiPeer) -> None:
+    drive = open_role(bench(running), "output_drive")
+    try:
+        drive.enable()
+        drive.command_torque(20.0, 1000.0)
+        time.sleep(0.1)
+        assert drive.state().torque_nm == 20.0
+        with running.motor.lock:
+            running.motor.starve(running.motor.watchdog_s)
+        assert (drive.state().enabled, drive.state().fault) == (False, "watchdog")
+    finally:
+        drive.disable()
+        drive.close()
