@@ -203,6 +203,8 @@ def count(  # type: ignore[no-untyped-def] # Numba infers
         Number of SUSPECT windows.
     most : int
         Largest number of edges in a window.
+    end : int
+        Index of the first edge after the last window; 0 without windows.
     """
     time, frequency, uncertainty = rows
     size = min(_GROUP, fault.size)
@@ -217,7 +219,7 @@ def count(  # type: ignore[no-untyped-def] # Numba infers
             edges[here], sums[0, here], fault[part],
         )  # fmt: skip
         if wrong >= 0:
-            return wrong, 0, 0
+            return wrong, 0, 0, 0
         _denominators(edges[here], method, sums[1, here])
         irregular, largest = _convert(
             first + begin, window, sums[0, here], sums[1, here], edges[here], fault[part],
@@ -225,4 +227,4 @@ def count(  # type: ignore[no-untyped-def] # Numba infers
         )  # fmt: skip
         suspects += irregular
         most = max(most, largest)
-    return -1, suspects, most
+    return -1, suspects, most, at

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,7 +147,6 @@ class FrequencyCounter:
         first = -(-block.start_tick // window) if self._next is None else self._next
         self._next = max(block.stop_tick // window, first)
         rows, fault = self._count(block.ticks, first, self._next - first)
-        self._keep(block.ticks, self._next * window)
         if self._lost_until is not None:
             lost = np.arange(first, self._next) * window < self._lost_until
             rows[1:, lost], fault[lost] = np.nan, SignalFaultKind.LOST_DATA
@@ -186,34 +185,30 @@ class FrequencyCounter:
         self._stop_tick = block.stop_tick
 
     def _count(self, ticks: Ticks, first: int, size: int) -> Counted:
-        """Count windows; for those that begin before the new edges, use the stored edges, too."""
-        window, head = self.window_ticks, size
-        if head > _FEW_WINDOWS and ticks.size >= _EDGES_BEFORE:
-            head = min(max(int(ticks[_EDGES_BEFORE - 1]) // window + 1 - first, 0), size)
-        if not head:
-            return self._counted(ticks, first, size, self._check_train)
-        stop = ticks.searchsorted((first + head) * window)
-        joined = np.concatenate((self._kept, ticks[:stop]))
-        begin = self._counted(joined, first, head, self._check_train)
-        if head == size:
-            return begin
-        rest = self._counted(ticks, first + head, size - head, self._check_train)
-        return np.concatenate((begin[0], rest[0]), axis=1), np.concatenate((begin[1], rest[1]))
+        """Count windows with the stored edges and the new ones; store what later windows need."""
+        joined_windows = size
+        if size > _FEW_WINDOWS and ticks.size >= _EDGES_BEFORE:
+            begun = int(ticks[_EDGES_BEFORE - 1]) // self.window_ticks + 1 - first
+            joined_windows = min(max(begun, 0), size)
+        rest = size - joined_windows
+        stop = ticks.searchsorted((first + joined_windows) * self.window_ticks) if rest else None
+        edges = np.concatenate((self._kept, ticks[:stop]))
+        rows, fault, end = self._counted(edges, first, joined_windows, self._check_train)
+        if rest:
+            edges = ticks
+            others = self._counted(ticks, first + joined_windows, rest, self._check_train)
+            rows, fault = np.concatenate((rows, others[0]), axis=1), np.append(fault, others[1])
+            end = others[2]
+        self._kept = edges[max(end - _EDGES_BEFORE, 0) :].copy()
+        return rows, fault
 
-    def _keep(self, ticks: Ticks, from_tick: int) -> None:
-        """Store the edges that windows from a tick on need."""
-        first = int(ticks.searchsorted(from_tick))
-        if first >= _EDGES_BEFORE:
-            self._kept = ticks[first - _EDGES_BEFORE :].copy()
-            return
-        joined = np.concatenate((self._kept, ticks))
-        first = int(joined.searchsorted(from_tick))
-        self._kept = joined[max(first - _EDGES_BEFORE, 0) :].copy()
+    def _counted(self, ticks: Ticks, first: int, size: int, check: bool) -> tuple[Any, Any, int]:
+        """Count windows; with `check`, inspect those with an irregular train.
 
-    def _counted(self, ticks: Ticks, first: int, size: int, check: bool) -> Counted:
-        """Count windows; with `check`, inspect those with an irregular train."""
+        Return their rows and faults, and the index of the first edge after them.
+        """
         rows, fault = np.empty((3, size)), np.empty(size, dtype=np.uint8)
-        wrong, suspects, most = _kernels.count(
+        wrong, suspects, most, end = _kernels.count(
             ticks,
             first,
             self.window_ticks,
@@ -242,7 +237,7 @@ class FrequencyCounter:
             )
         if suspects:
             self._inspect(ticks, first, rows, fault)
-        return rows, fault
+        return rows, fault, end
 
     def _inspect(
         self, ticks: Ticks, first: int, rows: NDArray[np.float64], fault: NDArray[np.uint8]
@@ -259,7 +254,7 @@ class FrequencyCounter:
                 fault[index] = SignalFaultKind.DOUBLED_PULSES
             else:
                 one = slice(index, index + 1)
-                rows[:, one], fault[one] = self._counted(ticks, window, 1, check=False)
+                rows[:, one], fault[one], _ = self._counted(ticks, window, 1, check=False)
 
 
 class Irregularities(NamedTuple):
