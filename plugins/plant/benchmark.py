@@ -247,7 +247,7 @@ def day_without_link(server: postgresql_server.Server, place: Path) -> dict[str,
                     )
                 )
                 folder.write_results(calibration_points(0.1, f"T-{number}", k))
-                registry.finish_run(folder.seal(), started + timedelta(minutes=8))
+                registry.end_run(folder.seal(), started + timedelta(minutes=8))
                 if k % 48 == 0:
                     try:
                         forward(registry, link)
@@ -333,7 +333,7 @@ def refits(server: postgresql_server.Server, place: Path, count: int) -> dict[st
                 )
             )
             folder.write_results(calibration_points(0.1, "T-1", k))
-            registry.finish_run(folder.seal(), started)
+            registry.end_run(folder.seal(), started)
         _, link = plant.register_bench("Bench")
         assert forward(registry, link).problems == []
         found: dict[str, Any] = {"calibrations": count}

@@ -61,7 +61,7 @@ PHASES: dict[str, tuple[Any, str, int]] = {
     "measure": (RunWriter, "document", 12),
     "results": (RunWriter, "write_results", 1),
     "seal": (raw_stream, "seal_raw", 1),
-    "sealed": (Registry, "finish_run", 1),
+    "sealed": (Registry, "end_run", 1),
     "zeros": (entering, "_zeroings", 1),
     "fit": (calibrating, "fit_models", 1),
     "model file": (calibrating, "store_model", 1),

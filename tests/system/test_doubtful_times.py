@@ -131,7 +131,7 @@ def test_a_run_that_ended_before_it_began_is_shown_so(tmp_path: Path) -> None:
                 folder=writer.path,
             )
         )
-        registry.finish_run(writer.seal(), now - timedelta(hours=3))
+        registry.end_run(writer.seal(), now - timedelta(hours=3))
         assert times_of_run(registry.run("run-9")).startswith("run run-9 ended (")
     done = run("records", "show", "run-9", "--data", tmp_path, cwd=tmp_path)
     assert "before it began" in words(done.stdout)

@@ -28,7 +28,7 @@ def run_id(tmp_path: Path) -> str:
     )
     with Registry.open(data) as registry:
         registry.add_run(summary)
-        registry.finish_run(writer.folder)
+        registry.end_run(writer.folder)
     return writer.run_id
 
 

@@ -44,7 +44,7 @@ def doubtful(tmp_path: Path) -> tuple[Path, int]:
                 folder=writer.path,
             )
         )
-        station.registry.finish_run(writer.seal(), now - timedelta(hours=3))
+        station.registry.end_run(writer.seal(), now - timedelta(hours=3))
     return tmp_path, model.model_id
 
 

@@ -51,7 +51,7 @@ def add_run(
     folder.write_files(files or {})
     folder.write_results(results)
     sealed = folder.seal(status)
-    registry.finish_run(sealed, started + timedelta(minutes=5))
+    registry.end_run(sealed, started + timedelta(minutes=5))
     return sealed
 
 

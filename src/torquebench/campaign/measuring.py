@@ -80,7 +80,7 @@ class RunAbortedError(BenchError):
             else Message("the {kind} run was aborted", record.kind)
         )
 
-    def __reduce__(self) -> tuple[type, tuple[RunRecord]]:  # type: ignore[override]
+    def __reduce__(self) -> tuple[Any, ...]:
         return (type(self), (self.record,))
 
 

@@ -202,7 +202,8 @@ class Estimator:
         columns, values = _array(X, 2), _array(y, 1)
         if columns is not None and values is not None and len(columns) == len(values):
             self.n_features_in_ = columns.shape[1]
-            self.__dict__.pop("feature_names_in_", None)  # left by an earlier fit to a frame
+            if hasattr(self, "feature_names_in_"):  # left by an earlier fit to a frame
+                del self.feature_names_in_
             return columns, values
         with _scikit_learn(_described(X, y), "rows of finite numbers, and as many values"):
             from sklearn.utils.validation import validate_data

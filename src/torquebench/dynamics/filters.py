@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -133,8 +134,8 @@ class FilterStream:
 
     def copy(self) -> FilterStream:
         """Return a second stream in the same state."""
-        other = FilterStream.__new__(FilterStream)
-        other.__dict__.update(self.__dict__, _past=self._past.copy())
+        other = copy(self)
+        other._past = self._past.copy()
         return other
 
     def forget(self) -> None:

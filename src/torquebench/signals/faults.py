@@ -1,6 +1,7 @@
 """Faults of a pulse train: codes for arrays, and an error with the kind of the fault."""
 
 from enum import IntEnum
+from typing import Any
 
 from torquebench.errors import SignalFault
 
@@ -8,7 +9,7 @@ __all__ = ["PulseTrainFault", "SignalFaultKind"]
 
 
 class SignalFaultKind(IntEnum):
-    """Reason why a window has no number; the values are the codes in `FrequencySamples.fault`.
+    """Reason why a window has no number; the values are the codes in the column `fault`.
 
     Examples
     --------
@@ -84,5 +85,5 @@ class PulseTrainFault(SignalFault):
         super().__init__(found, allowed, kind.remedy)
         self.kind = kind
 
-    def __reduce__(self) -> tuple[type, tuple[SignalFaultKind, str, str]]:  # type: ignore[override]
+    def __reduce__(self) -> tuple[Any, ...]:
         return (type(self), (self.kind, self.found, self.allowed))

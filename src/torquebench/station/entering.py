@@ -45,7 +45,7 @@ def enter_run(registry: Registry, folder: RunFolder) -> None:
             if specimen:
                 registry.add_equipment(Equipment("reducer", **specimen))
         if folder.sealed and not entered.get(folder.run_id):
-            registry.finish_run(folder, _measured_elsewhere(folder))
+            registry.end_run(folder, _measured_elsewhere(folder))
             for zeroing in _zeroings(folder):
                 registry.add_zeroing(zeroing)
 

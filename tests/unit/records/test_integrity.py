@@ -44,7 +44,7 @@ def fill(registry, folder):
         )
         registry.add_run(run)
         writer.document("start", {"uid": "1"})
-    registry.finish_run(RunFolder(writer.path))
+    registry.end_run(RunFolder(writer.path))
     registry.add_audit_end(folder / "audit", 7, "ab" * 32)
     registry.add_equipment(Equipment("transducer", "T-1", "HBK", "T40B", 2000.0, {"class": 0.05}))
     registry.fit_component(("bench", "Bench 1"), ("transducer", "T-1"), "output.transducer")

@@ -75,7 +75,7 @@ def test_a_run_is_entered_when_it_starts_and_when_it_is_sealed(registry, tmp_pat
     registry.add_run(summary(folder=writer.path, operator="Ana", profile_name="rapid-in-situ"))
     assert registry.run("run-1").status == "running"
     assert registry.run("run-1").finished is None
-    registry.finish_run(writer.seal("aborted", "operator"))
+    registry.end_run(writer.seal("aborted", "operator"))
     run = registry.run("run-1")
     assert (run.status, run.reason, run.operator) == ("aborted", "operator", "Ana")
     assert run.started == START
@@ -107,7 +107,7 @@ def test_taken_and_unknown_runs_are_named(registry, tmp_path):
         registry.run("run-2")
     folder = RunFolder.create(tmp_path / "runs", {}, kind="zero", run_id="run-2").seal()
     with pytest.raises(RecordError, match="run run-2 isn't registered"):
-        registry.finish_run(folder)
+        registry.end_run(folder)
 
 
 def test_a_calibration_keeps_its_chain_and_its_run(registry):

@@ -113,7 +113,7 @@ def calibrated_bench(
     if not seal:
         writer.close()
     else:
-        registry.finish_run(writer.seal(), started.replace(hour=ended_h))
+        registry.end_run(writer.seal(), started.replace(hour=ended_h))
     entry = registry.add_calibration(
         CalibrationEntry.of_points(
             data,

@@ -41,7 +41,7 @@ def filled_directory(data: Path) -> Path:
             writer.document("start", {"uid": "1"})
             log.write("run ends")
             log.end_run()
-            registry.finish_run(writer.seal())
+            registry.end_run(writer.seal())
         table = CalibrationData(
             [0.1, 5.2, 10.1],
             [0.0, 5.0, 10.0],

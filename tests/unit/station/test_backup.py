@@ -89,7 +89,7 @@ with Registry.open(data) as registry:
             writer("event", {"descriptor": "d", "seq_num": point})
             writer.samples({"time_s": np.arange(50.0)})
         log.end_run()
-        registry.finish_run(writer.seal())
+        registry.end_run(writer.seal())
         registry.add_audit_end(log.path.parent, log.end.line, log.end.sha256)
         print(number, flush=True)
 """

@@ -221,7 +221,7 @@ def test_impossible_times_are_named_and_change_nothing(data: Path) -> None:
                     folder=writer.path,
                 )
             )
-        registry.finish_run(writer.folder, now - timedelta(hours=3))
+        registry.end_run(writer.folder, now - timedelta(hours=3))
         assert clock_behind(registry) == ""
         behind = clock_behind(registry, now - timedelta(hours=5))
         assert "5.0 h before the newest record" in behind

@@ -73,7 +73,7 @@ class RunRecords(Database):
                     )
                 )
 
-    def finish_run(self, folder: "RunFolder", finished: datetime | None = None) -> None:
+    def end_run(self, folder: "RunFolder", finished: datetime | None = None) -> None:
         """Register how a sealed run ended, and the hash of its manifest.
 
         Parameters

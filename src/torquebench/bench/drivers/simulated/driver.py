@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from torquebench.bench.blocks import KEPT_S
 from torquebench.bench.certificates.encoder import EncoderCertificate
 from torquebench.bench.certificates.torque import ReferenceCertificate
 from torquebench.bench.description import BenchDescription
@@ -56,7 +57,6 @@ from torquebench.validation import validated
 __all__ = ["SimulatedBench", "SimulatedDrive", "SimulatedOptions", "open_simulated"]
 
 RAMP_STEP_S = 0.01
-TRUTH_KEPT_S = 120.0
 TRUTH_RATE_HZ = 1000.0
 LOGGED = 1000
 CERTIFIED_FRICTION_U_NM = 0.005
@@ -197,7 +197,7 @@ class SimulatedBench:
         self._rail: RailPosition = "end"
         self._supplied = True
         self._temperatures: dict[str, float] = {}
-        self._truth = History(round(TRUTH_KEPT_S * TRUTH_RATE_HZ))
+        self._truth = History(round(KEPT_S * TRUTH_RATE_HZ))
         self._closed = False
         self._selected: frozenset[str] = frozenset(CHANNELS)
         self.readout = SimulatedReadout(description) if options.reference == "readout" else None
@@ -503,7 +503,7 @@ class SimulatedBench:
         if truth is None or not len(truth) or truth.time_s[0] > edges_s[0] + around_s:
             raise BenchError(
                 Message("true torque from {start_s:.3f} to {end_s:.3f} s", edges_s[0], edges_s[-1]),
-                Message("the last {truth_kept_s:g} s of bench time", TRUTH_KEPT_S),
+                Message("the last {truth_kept_s:g} s of bench time", KEPT_S),
             )
         at = np.union1d(truth.time_s, edges_s)
         values = np.interp(at, truth.time_s, truth[side])

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.bench.blocks import Block, Viewer, fault_of
+from torquebench.bench.blocks import KEPT_S, Block, Viewer, fault_of
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import SIDES, reference_channel, torque_channel
@@ -48,8 +48,6 @@ block, 18 min of rows of 0.3 s, and 72 min of rows of 1.2 s.
 """
 MAXIMUM_INCREMENT = 1000
 MOST_POINTS = 5000
-WINDOWS_KEPT_S = 120.0
-"""Time for which all windows of the torques are kept for spectra, s."""
 MEANINGFUL_SHARE = 0.02
 """Share of the range below which a torque is too small for an efficiency."""
 MEANINGFUL_SPEED_RPM = 1.0
@@ -192,7 +190,7 @@ class LiveHub:
         with self._lock:
             self._clock_s = clock_s
             self._windows.append(windows)
-            while len(self._windows) * (block.stop_s - block.start_s) > WINDOWS_KEPT_S:
+            while len(self._windows) * (block.stop_s - block.start_s) > KEPT_S:
                 self._windows.popleft()
             self._memory.append(block.stop_s, low, high, mean)
             there = np.isfinite(mean)
