@@ -185,6 +185,7 @@ class NetworkModel(FormModel):
         return float(self.shares_ @ gamma), float(self.shares_ @ noise_variance)
 
     def _starts(self) -> list[NetworkParameters]:
+        """Return the weights from which each training begins."""
         generator = np.random.default_rng(self.random_state)
         count = 1 if self.training == _DESCENT else self.ensemble
         if self.start == "small-uniform":

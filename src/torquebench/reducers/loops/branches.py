@@ -44,7 +44,7 @@ SETTLED = 0.5
 class Recording:
     """Torque (N·m) and angle (rad) in the order of measurement.
 
-    `less` (twist of the bench, drift) is subtracted from the angle after its reduction to knots.
+    `subtracted` (twist of the bench, drift) goes off the angle after its reduction to knots.
     `step_rad` is the visible step of the angle's counts, 0 for none; `loop` the number of the loop
     at its position, if stated.
     """
@@ -52,7 +52,7 @@ class Recording:
     torque: Floats
     angle: Floats
     position: Floats
-    less: Floats
+    subtracted: Floats
     loop: Floats | None = None
     time: Floats | None = None
     step_rad: float = 0.0
@@ -64,7 +64,7 @@ class Recording:
             self.torque[rows],
             self.angle[rows],
             self.position[rows],
-            self.less[rows],
+            self.subtracted[rows],
             loop,
             time,
             self.step_rad,
@@ -73,7 +73,7 @@ class Recording:
     def changed(self, torque: Floats, angle: Floats) -> Recording:
         """Return the recording with a new torque and a corrected angle that shows no counts."""
         nothing = np.zeros(angle.size)
-        return replace(self, torque=torque, angle=angle, less=nothing, step_rad=0.0)
+        return replace(self, torque=torque, angle=angle, subtracted=nothing, step_rad=0.0)
 
     def place(self, loops: Sequence[RawLoop]) -> Floats:
         """Return each sample's time since the first loop began, in durations of a loop."""
@@ -116,7 +116,7 @@ def averaged(recording: Recording) -> tuple[Recording, int]:
     undo. Both are averaged over the same odd number of samples, which is also returned: 1 where the
     noise is below 0.4 % of the largest torque.
     """
-    torque, angle, widest = recording.torque.copy(), recording.angle - recording.less, 1
+    torque, angle, widest = recording.torque.copy(), recording.angle - recording.subtracted, 1
     for rows in recording.positions():
         load = torque[rows]
         if load.size < 32 or levels_of(load):
@@ -237,13 +237,13 @@ def _single_cycle(torque: Floats, parts: list[tuple[int, Indices]]) -> list[tupl
 def branch_of(recording: Recording, rows: Indices) -> Branch:
     """Reduce the samples of one branch to knots."""
     torque, angle, step = recording.torque[rows], recording.angle[rows], recording.step_rad
-    less = recording.less[rows]
+    subtracted = recording.subtracted[rows]
     levels = levels_of(torque)
     if levels:
-        return _of_levels(torque, angle, less, levels, step)
+        return _of_levels(torque, angle, subtracted, levels, step)
     if step > 0.0 and np.mean(np.diff(angle) == 0.0) >= COUNTED:
-        return _of_counts(torque, angle, less, step)
-    angle = angle - less
+        return _of_counts(torque, angle, subtracted, step)
+    angle = angle - subtracted
     # If the torque passes the steps of the angle quickly, they scatter like noise.
     noise = float(
         np.hypot(max(noise_of(angle), step / 12.0**0.5), _slope(torque, angle) * noise_of(torque))
@@ -257,7 +257,7 @@ def _slope(torque: Floats, angle: Floats) -> float:
 
 
 def _of_levels(
-    torque: Floats, angle: Floats, less: Floats, levels: list[slice], step: float
+    torque: Floats, angle: Floats, subtracted: Floats, levels: list[slice], step: float
 ) -> Branch:
     """Reduce a stepped torque to knots: mean torque and mean settled angle of each level."""
     inside = sum(abs(float(angle[part][-1] - angle[part][0])) for part in levels)
@@ -272,11 +272,11 @@ def _of_levels(
     if ramped:
         noise = noise_of(angle)
     count = float(np.mean([part.stop - part.start for part in kept]))
-    twist = twist - np.array([less[part].mean() for part in kept])
+    twist = twist - np.array([subtracted[part].mean() for part in kept])
     return Branch(load, twist, noise / count**0.5, step / 12.0**0.5, sparse=True)
 
 
-def _of_counts(torque: Floats, angle: Floats, less: Floats, step: float) -> Branch:
+def _of_counts(torque: Floats, angle: Floats, subtracted: Floats, step: float) -> Branch:
     """Return the torques at which a counted angle passes from one count to the next.
 
     Near a passage the count chatters between its two values. The passage is placed so that as many
@@ -296,13 +296,13 @@ def _of_counts(torque: Floats, angle: Floats, less: Floats, step: float) -> Bran
     passed = passed[inside]
     end = np.append(begin[1:], passed.size) - 1
     middle = 0.5 * (passed[begin] + passed[end]) + 0.5
-    load, subtracted = (0.5 * (each[place - 1] + each[place]) for each in (torque, less))
+    load, shift = (0.5 * (each[place - 1] + each[place]) for each in (torque, subtracted))
     between = float(np.median(np.abs(np.diff(torque)))) * _slope(torque, angle)
     # The variance of a passage comes from the spacing of the samples and from the length of its
     # chatter.
     return Branch(
         load,
-        angle[0] + turn * step * middle - subtracted,
+        angle[0] + turn * step * middle - shift,
         between * (0.15 * chatter) ** 0.5,
         between / 12.0**0.5,
         sparse=True,
@@ -357,7 +357,7 @@ def drift_of(recording: Recording, loops: Sequence[RawLoop]) -> Drift:
     branch = np.concatenate(
         [np.full(piece.size, side) for side, pieces in sides for piece in pieces]
     )
-    torque, angle = recording.torque[rows], (recording.angle - recording.less)[rows]
+    torque, angle = recording.torque[rows], (recording.angle - recording.subtracted)[rows]
     low, high = float(torque.min()), float(torque.max())
     bins = int(np.clip(rows.size / (12 * len(loops)), 4, BINS))
     part = np.clip(((torque - low) / (high - low) * bins).astype(np.int64), 0, bins - 1)

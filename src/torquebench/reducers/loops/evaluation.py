@@ -140,17 +140,21 @@ def evaluate_hysteresis(
     columns, torque = samples.columns, samples["torque_nm"]
     findings = [*samples.findings, *torque_saturation(torque, columns.get("demand"))]
     known = uncertainty or LoopUncertainty()
-    angle, less = samples["angle_rad"], bench_compliance_rad_per_nm * torque
+    angle, subtracted = samples["angle_rad"], bench_compliance_rad_per_nm * torque
     step = resolution_rad or count_step(samples["angle_rad"])
     if flange is not None:
         torque, added = torque_at_flange(
-            samples["time_s"], torque, angle - less, flange, angle_uncertainty_rad=step / 12.0**0.5
+            samples["time_s"],
+            torque,
+            angle - subtracted,
+            flange,
+            angle_uncertainty_rad=step / 12.0**0.5,
         )
         branch = float(np.hypot(known.torque_branch_nm, np.sqrt(np.mean(added**2))))
         known = replace(known, torque_branch_nm=branch)
     where = samples.get("position", 0.0)
     times = columns.get("time_s")
-    recording = Recording(torque, angle, where, less, columns.get("loop"), times, step)
+    recording = Recording(torque, angle, where, subtracted, columns.get("loop"), times, step)
     steady, ripple = without_ripple(recording, step)
     evaluated = _evaluated(steady, settings)
     left = NOTHING_LEFT
@@ -228,20 +232,20 @@ def _evaluated(recording: Recording, settings: LoopSettings) -> _Evaluated:
     features = {label: features_of(raws, recording, settings) for label, raws in cut.items()}
     drifting = tuple(chain.from_iterable(features.values()))
     check_closure(drifting, settings)
-    less, shares = recording.less.copy(), {}
+    subtracted, shares = recording.subtracted.copy(), {}
     for label, raws in cut.items():
         drift = _drift_at(recording, raws, features[label])
         width_rad = float(np.mean([each.width_rad for each in features[label]]))
         if abs(drift.per_loop_rad) * (1.0 + 3.0 * drift.share) <= NEGLIGIBLE * width_rad:
             continue
         rows = recording.position == label
-        less[rows] += drift.rad[rows]
+        subtracted[rows] += drift.rad[rows]
         shares[label] = drift.share
         if drift.significant:
             findings.append(_drift_finding(drift, len(raws), width_rad))
     if not shares:
         return _Evaluated(drifting, drifting, {}, tuple(findings))
-    recording = replace(recording, less=less)
+    recording = replace(recording, subtracted=subtracted)
     loops = tuple(
         chain.from_iterable(features_of(raws, recording, settings) for raws in cut.values())
     )

@@ -253,12 +253,12 @@ def _energy(rising: Pieces, falling: Pieces, raw: RawLoop, recording: Recording)
     if levels_of(recording.torque[raw.rising[0]]):
         branches = [*rising, *falling]
     else:
-        less = recording.less
+        subtracted = recording.subtracted
         branches = [
             Branch(
                 recording.torque[rows],
-                (recording.angle - less)[rows],
-                noise_of((recording.angle - less)[rows]),
+                (recording.angle - subtracted)[rows],
+                noise_of((recording.angle - subtracted)[rows]),
                 0.0,
             )
             for rows in (*raw.rising, *raw.falling)
@@ -306,7 +306,7 @@ def _closure(raw: RawLoop, recording: Recording) -> tuple[float, float]:
     if len(raw.rising) != len(raw.falling):
         return 0.0, 0.0
     rows = raw.rows
-    torque, angle = recording.torque[rows], (recording.angle - recording.less)[rows]
+    torque, angle = recording.torque[rows], (recording.angle - recording.subtracted)[rows]
     count = max(1, rows.size // 100)
     nearest = slice(-(rows.size // 16 + 4), None)
     load = torque[nearest]

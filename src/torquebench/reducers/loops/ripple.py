@@ -83,7 +83,7 @@ def without_ripple(
     parts: list[tuple[Floats, Floats, NDArray[np.intp]]] = []
     fastest: Ripple | None = None
     for rows in recording.positions():
-        torque, angle = recording.torque[rows], (recording.angle - recording.less)[rows]
+        torque, angle = recording.torque[rows], (recording.angle - recording.subtracted)[rows]
         ripple = None if levels_of(torque) else find_ripple(torque, angle)
         if ripple is not None:
             torque, angle, left = outermost(torque, angle, ripple, resolution_rad)

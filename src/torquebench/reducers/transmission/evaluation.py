@@ -292,11 +292,11 @@ def angles_screened(samples: Samples, ratio: float) -> Samples:
 def _far_off(
     error: NDArray[np.float64], angle: NDArray[np.float64], step: float
 ) -> NDArray[np.bool_]:
+    """Return which errors are far from their neighbours in a stretch without a reversal."""
     bad = np.zeros(error.size, dtype=np.bool_)
     for start, stop in one_way(angle):
-        # At a reversal the backlash makes a jump.
-        inner = slice(start + 3, stop - 2)
-        bad[inner] = outliers(error[start : stop + 1], step)[3:-3]
+        # Three samples at either end aren't judged: at a reversal the backlash makes a jump.
+        bad[start + 3 : stop - 2] = outliers(error[start : stop + 1], step)[3:-3]
     return bad
 
 

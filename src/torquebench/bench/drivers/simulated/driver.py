@@ -289,7 +289,7 @@ class SimulatedBench:
             start_s = self._twin.time_s
             ran = self._twin.advance(duration_s, self._conduct)
             self._keep(ran)
-            block = _counted(ran, start_s, self._twin.time_s)
+            block = _block_of(ran, start_s, self._twin.time_s)
             if self.readout is not None:
                 block = self.readout.take(block)
             return block
@@ -663,7 +663,8 @@ def open_simulated(description: BenchDescription) -> DriverSet:
     )
 
 
-def _counted(ran: TwinBlock, start_s: float, stop_s: float) -> Block:
+def _block_of(ran: TwinBlock, start_s: float, stop_s: float) -> Block:
+    """Return the twin's edges and encoder counts as a driver's block."""
     edges = {
         str(channel): EdgeBlock(ticks, ran.start_tick, ran.stop_tick, ran.timebase_hz)
         for channel, ticks in ran.edges.items()
