@@ -127,7 +127,7 @@ class NetworkModel(FormModel):
 
     complexity: ClassVar[int] = 30
     maximum_points = 600
-    way: dict[int, NetworkParameters] | None = None
+    descent: dict[int, NetworkParameters] | None = None
     """Networks of one gradient descent by epoch, which several trainings of the same points, start
     and learning rate share: they differ only in the epoch at which they end.
     """
@@ -205,15 +205,15 @@ class NetworkModel(FormModel):
         weights = weights / mean_weight
         (start,) = self._starts()
         network, done = start, 0
-        way = {} if self.way is None else self.way
+        descent = {} if self.descent is None else self.descent
         curve: list[tuple[float, float]] = []
         while done < self.epochs:
             count = min(_next_noted(done), self.epochs) - done
             done += count
-            if done not in way:
+            if done not in descent:
                 rate = float(self.learning_rate)
-                way[done] = descend(network, x, target, weights, rate, count)
-            network = way[done]
+                descent[done] = descend(network, x, target, weights, rate, count)
+            network = descent[done]
             if not np.isfinite(network.output_bias) or abs(network.output_bias) > 1e6:
                 raise InputError(
                     Message(

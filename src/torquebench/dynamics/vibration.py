@@ -142,12 +142,12 @@ def identify_vibration(steps: Steps) -> Vibration:
     time = np.asarray(np.arange(count) * steps.interval_s, np.float64)
     highest = _HIGHEST_SHARE / steps.interval_s
 
-    def left(logs: FloatArray, vibrating: bool = True) -> FloatArray:
+    def residuals(logs: FloatArray, vibrating: bool = True) -> FloatArray:
         basis = np.linalg.qr(_basis(np.asarray(np.exp(logs)), time, vibrating))[0]
         return np.asarray(rows - (rows @ basis) @ basis.T)
 
     def deviations(logs: FloatArray) -> FloatArray:
-        return left(logs).ravel()
+        return residuals(logs).ravel()
 
     drive_s = 6e-3
     found = None
@@ -167,10 +167,10 @@ def identify_vibration(steps: Steps) -> Vibration:
                 found = fitted
     assert found is not None
     frequency, damping, _, ripple_hz = np.exp(found.x)
-    residual = left(found.x)
+    residual = residuals(found.x)
     freedom = residual.size - rows.shape[0] * 9 - 4
     variance = float(np.sum(np.square(residual))) / freedom
-    without = float(np.sum(np.square(left(found.x, vibrating=False))))
+    without = float(np.sum(np.square(residuals(found.x, vibrating=False))))
     gain = (without - variance * freedom) / (2.0 * rows.shape[0] * variance)
     scale = np.array([frequency, damping])
     covariance = _covariance(np.asarray(found.jac), residual, variance)[:2, :2] * np.outer(

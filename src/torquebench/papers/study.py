@@ -299,11 +299,11 @@ def errors_of(chain: StudiedChain, series: Series, wanted: Iterable[Contender]) 
     on = np.repeat(sides, _DENSE.size)
     quiet = features(chain.reading_nm(dense, on), on)
     found = []
-    ways: dict[tuple[str, ...], dict[int, Any]] = {}  # trainings with equal settings
+    descents: dict[tuple[str, ...], dict[int, Any]] = {}  # trainings with equal settings
     for contender in wanted:
         model = make_model(contender.kind, range_nm=READ_NM, **contender.parameters)
         if isinstance(model, NetworkModel):
-            model.way = ways.setdefault((model.training, model.start, model.mapping), {})
+            model.descent = descents.setdefault((model.training, model.start, model.mapping), {})
         columns = 2 if "branch" in model.used_features else 1
         model.fit_curve(X[:, :columns], torque)
         found.append(

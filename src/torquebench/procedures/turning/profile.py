@@ -407,6 +407,7 @@ class TurningProfile(_Settings):
         return legs
 
     def _swung(self, top: float, sign: float, gentle: float) -> Iterator[Leg]:
+        """Yield a run-up at a gentle rate, 1/min per s, then sines of the speed about its end."""
         assert self.swings is not None
         middle, size = sign * self.swings.around * top, self.swings.share * top
         yield Leg(((middle, gentle),), 1.0, Message("{middle:g} rpm", abs(middle)))
