@@ -42,7 +42,6 @@ __all__ = [
     "HysteresisOperator",
     "LiveTorque",
     "one_sided_path",
-    "reversing_path",
 ]
 
 FloatArray = NDArray[np.float64]
@@ -59,11 +58,6 @@ _REFERENCE_STEPS = 512
 def one_sided_path(full_scale_nm: float) -> FloatArray:
     """Return the turning points of a calibration whose directions are each preloaded, in N·m."""
     return full_scale_nm * np.array([0.0, 1.0, 0.0, 1.0, 0.0, -1.0, 0.0, -1.0, 0.0])
-
-
-def reversing_path(full_scale_nm: float) -> FloatArray:
-    """Return the turning points of a calibration in cycles 0 → +FS → 0 → −FS → 0, in N·m."""
-    return full_scale_nm * np.array([0.0, 1.0, -1.0, 1.0, -1.0, 0.0])
 
 
 _AT_ONCE = 1 << 12

@@ -7,7 +7,6 @@ from numbers import Integral
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from torquebench.compensation.base import FloatArray
 from torquebench.compensation.discrepancy import FormModel
@@ -66,29 +65,6 @@ class OrthogonalPolynomial:
         """Return the variance of the fitted value at x, relative to the noise variance."""
         return np.asarray((1.0 / self.norms) @ self.basis(x) ** 2)
 
-    def monomials(self) -> FloatArray:
-        """Return the coefficients of 1, x, x², ... , computed in extended precision."""
-        count = self.coefficients.size + int(self.through_zero)
-        before, total = np.zeros((2, count), dtype=np.longdouble)
-        now = np.zeros(count, dtype=np.longdouble)
-        now[int(self.through_zero)] = 1.0
-        for coefficient, alpha, beta in zip(self.coefficients, self.alpha, self.beta, strict=True):
-            total = total + coefficient * now
-            before, now = now, _times_x(now) - alpha * now - beta * before
-        # From powers of u = (x − centre)/scale to powers of x, by Horner's scheme.
-        result = np.zeros(count, dtype=np.longdouble)
-        for coefficient in total[::-1]:
-            result = (_times_x(result) - np.longdouble(self.centre) * result) / np.longdouble(
-                self.scale
-            )
-            result[0] += coefficient
-        return result.astype(np.float64)
-
-
-def _times_x(coefficients: NDArray[np.longdouble]) -> NDArray[np.longdouble]:
-    """Multiply a polynomial by x: shift its coefficients up by one power; the highest is zero."""
-    return np.concatenate([np.zeros(1, dtype=np.longdouble), coefficients[:-1]])
-
 
 def _recurrence(
     u: FloatArray, alpha: FloatArray, beta: FloatArray, first: FloatArray
@@ -124,8 +100,8 @@ def fit_orthogonal(
     --------
     >>> x = np.linspace(0.0, 10.0, 6)
     >>> fit = fit_orthogonal(x, 1.0 + 2.0 * x**2, np.ones(6), degree=2)
-    >>> fit.monomials().round(9) + 0.0
-    array([1., 0., 2.])
+    >>> fit(np.array([3.0])).round(9)
+    array([19.])
     """
     low, high = float(np.min(x)), float(np.max(x))
     centre = 0.0 if through_zero else 0.5 * (low + high)

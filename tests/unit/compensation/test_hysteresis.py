@@ -12,12 +12,13 @@ from torquebench.compensation.hysteresis import (
     HistoryCompensator,
     HysteresisOperator,
     one_sided_path,
-    reversing_path,
 )
 from torquebench.compensation.table import compile_table
 from torquebench.errors import InputError
 
 _FS = 2000.0
+_REVERSING_NM = _FS * np.array([0.0, 1.0, -1.0, 1.0, -1.0, 0.0])
+"""Turning points of a calibration in cycles 0 → +FS → 0 → −FS → 0."""
 
 
 class RelayChain:
@@ -92,7 +93,7 @@ def _rms(error):
 def test_inner_loops_and_reversals_stay_compensated(density, reversing):
     chain = RelayChain(_DENSITIES[density])
     table = _calibrated(chain, reversing)
-    path = reversing_path(_FS) if reversing else one_sided_path(_FS)
+    path = _REVERSING_NM if reversing else one_sided_path(_FS)
     share = _work_path()
     reading, torque = _FS * chain.drive(share), _FS * share
     column = np.sign(np.diff(share, prepend=0.0)) * np.sign(share)
@@ -111,9 +112,7 @@ def test_one_quiet_cycle_tells_remanence_from_a_zero_that_creeps(density):
     chain = RelayChain(_DENSITIES[density])
     table = _calibrated(chain, reversing=True, noise_fs=2e-5)
     share = _work_path()
-    compensator = HistoryCompensator(
-        table, HysteresisOperator.from_table(table, reversing_path(_FS))
-    )
+    compensator = HistoryCompensator(table, HysteresisOperator.from_table(table, _REVERSING_NM))
     live = compensator.push(_FS * chain.drive(share))
     assert _rms((live.torque_nm - _FS * share)[40:]) < 4e-5
 
@@ -161,7 +160,7 @@ def test_calibrated_loop_gives_the_models_own_branches():
 
 def test_unknown_history_widens_by_half_the_loop_and_holds_the_truth():
     table = _calibrated(RelayChain(_DENSITIES["wide"]), reversing=True)
-    operator = HysteresisOperator.from_table(table, reversing_path(_FS))
+    operator = HysteresisOperator.from_table(table, _REVERSING_NM)
     middle = 0.4 * _FS
     first = HistoryCompensator(table, operator).push([middle])
     loop = abs(table.torque([middle], [1])[0] - table.torque([middle], [-1])[0])
@@ -180,7 +179,7 @@ def stated(request):
     """A chain, its table with uncertainty, and the plays that follow from the table."""
     reversing, density = request.param
     table = _calibrated(RelayChain(_DENSITIES[density]), reversing, 1e-4, uncertainty=True)
-    path = reversing_path(_FS) if reversing else one_sided_path(_FS)
+    path = _REVERSING_NM if reversing else one_sided_path(_FS)
     return _DENSITIES[density], table, HysteresisOperator.from_table(table, path)
 
 
