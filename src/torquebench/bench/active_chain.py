@@ -20,7 +20,6 @@ from torquebench.chain import (
     MeasuredRotation,
     MeasuringChain,
     Readings,
-    Ripple,
     Timebase,
     Torque,
     Zero,
@@ -90,8 +89,8 @@ class ActiveChain:
         self._recent = _Torques()
         self._fine: tuple[ChainStream, _Torques] | None = None
         self._last: tuple[MeasuringChain, Readings, Torque] | None = None
-        self.needs_angle = chain.find(Ripple) is not None
-        """Whether the chain corrects ripple that repeats with every turn of the shaft."""
+        self.needs_angle = any("angle_rad" in effect.needs for effect in chain.stored)
+        """Whether an effect of the chain depends on the shaft's angle."""
 
     @property
     def accepted(self) -> Timebase | None:
