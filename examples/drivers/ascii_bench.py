@@ -13,7 +13,7 @@ serves one caller at a time, connects again and repeats a request once.
 import numpy as np
 
 from torquebench.bench.drivers.base import DriveLimits, DriveState, Identity, Side
-from torquebench.bench.drivers.lines import LineLink, LineOptions
+from torquebench.bench.drivers.lines import LineConnection, LineLink, LineOptions
 from torquebench.bench.drivers.links import TimeOut, WireError, check_drive_order, drive_timeout
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
 from torquebench.bench.drivers.sample_clock import SampleClock
@@ -41,7 +41,7 @@ class AsciiLink(LineLink):
     def numbers(self, line: str, count: int) -> list[float]:
         """Send a line and return the numbers of its answer; other answers are asked for again."""
 
-        def exchange(connection):
+        def exchange(connection: LineConnection) -> list[float]:
             connection.send(line)
             words = connection.receive(self.timeout_s).split()
             try:
@@ -58,54 +58,55 @@ class AsciiLink(LineLink):
 class AsciiDrive:
     """A drive that ramps by itself and has its own watchdog: `WD seconds` sets it, `FEED` feeds."""
 
-    def __init__(self, link: AsciiLink, side: Side, watchdog_s: float):
+    def __init__(self, link: AsciiLink, side: Side, watchdog_s: float) -> None:
         self._link, self._side, self._watchdog_s = link, side, watchdog_s
         torque_nm, speed_rad_s = link.numbers("LIM?", 2)
         self._limits = DriveLimits(torque_nm, speed_rad_s)
 
-    def identity(self):
+    def identity(self) -> Identity:
         """Read manufacturer, model and serial number."""
-        return Identity(f"{self._side}.drive", *self._link.words("ID?")[:3])
+        manufacturer, model, serial = self._link.words("ID?")[:3]
+        return Identity(f"{self._side}.drive", manufacturer, model, serial)
 
-    def limits(self):
+    def limits(self) -> DriveLimits:
         """Return the limits that were read on opening."""
         return self._limits
 
-    def enable(self):
+    def enable(self) -> None:
         """Set the watchdog, then power the motor at zero torque."""
         self._link.words(f"WD {self._watchdog_s}")
         self._link.words("ON")
 
-    def disable(self):
+    def disable(self) -> None:
         """Switch the power off."""
         self._link.words("OFF")
 
-    def command_torque(self, torque_nm, ramp_nm_per_s):
+    def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
         """Ramp to a torque."""
         check_drive_order(self._link.name, torque_nm, ramp_nm_per_s, self._limits.torque_nm, "N·m")
         self._link.words(f"TQ {torque_nm} {ramp_nm_per_s}")
 
-    def command_speed(self, speed_rad_s, ramp_rad_per_s2):
+    def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
         """Ramp to a speed."""
         most = self._limits.speed_rad_s
         check_drive_order(self._link.name, speed_rad_s, ramp_rad_per_s2, most, "rad/s")
         self._link.words(f"SP {speed_rad_s} {ramp_rad_per_s2}")
 
-    def ramp_to_zero(self, duration_s):
+    def ramp_to_zero(self, duration_s: float) -> None:
         """One command: the drive completes it even if this computer hangs."""
         self._link.words(f"ZERO {duration_s}")
 
-    def feed_watchdog(self):
+    def feed_watchdog(self) -> None:
         """Nothing else feeds the watchdog."""
         self._link.words("FEED")
 
-    def state(self):
+    def state(self) -> DriveState:
         """Read power, fault, and the set points on their ramps."""
         on, fault, torque_nm, speed_rad_s = self._link.numbers("ST?", 4)
         text = "" if not fault else "watchdog" if fault == 1 else f"fault {fault:g}"
         return DriveState(bool(on), torque_nm, speed_rad_s, text)
 
-    def close(self):
+    def close(self) -> None:
         """Disconnect; a second call does nothing."""
         self._link.close()
 
@@ -119,36 +120,38 @@ class AsciiReadout:
 
     period_s = 0.01
 
-    def __init__(self, link: AsciiLink):
+    def __init__(self, link: AsciiLink) -> None:
         self._link = link
         self._clocks = {side: SampleClock(self.period_s) for side in SIDES}
         for side in SIDES:
             link.numbers(f"V? {SIDES.index(side) + 1}", 0)  # old values
 
-    def identity(self):
+    def identity(self) -> Identity:
         """Read manufacturer, model and serial number."""
-        return Identity("reference", *self._link.words("ID?")[:3])
+        manufacturer, model, serial = self._link.words("ID?")[:3]
+        return Identity("reference", manufacturer, model, serial)
 
     def read(self, side: Side, until_s: float, timed_s: float) -> Record:
         """Return the values up to a bench time."""
         values = self._link.numbers(f"V? {SIDES.index(side) + 1}", 0)
         return self._clocks[side].take(np.array(values), until_s, timed_s)
 
-    def close(self):
+    def close(self) -> None:
         """Disconnect; a second call does nothing."""
         self._link.close()
 
 
-def _drive(request: InstrumentRequest):
-    options = request.read(AsciiOptions)  # names a misspelt key
+def _drive(request: InstrumentRequest) -> AsciiDrive:
+    assert request.side is not None
+    options: AsciiOptions = request.read(AsciiOptions)  # names a misspelt key
     watchdog_s = request.description.module(request.side).drive.watchdog_s
     timeout_s = drive_timeout(options.timeout_s, watchdog_s, request.section)
     with AsciiLink(request.section, options, timeout_s).kept() as link:
         return AsciiDrive(link, request.side, watchdog_s)
 
 
-def _readout(request: InstrumentRequest):
-    options = request.read(AsciiOptions)
+def _readout(request: InstrumentRequest) -> AsciiReadout:
+    options: AsciiOptions = request.read(AsciiOptions)
     with AsciiLink(request.section, options, options.timeout_s or 0.5).kept() as link:
         return AsciiReadout(link)
 
