@@ -1,5 +1,6 @@
 """The benches of examples/benches against peers: doctor, whole calibrations, cable and process."""
 
+import json
 import math
 import os
 import random
@@ -169,7 +170,7 @@ def calibrating(kind: Example, folder: Path) -> Iterator[tuple[Any, Any]]:
 def test_the_doctor_finds_the_example_ready(kind: Example, tmp_path: Path) -> None:
     with example(kind, tmp_path) as (_, bench):
         done = subprocess.run(
-            command("doctor", bench=bench),
+            command("doctor", "--record", "session.jsonl", bench=bench),
             env=environment(),
             cwd=tmp_path,
             capture_output=True,
@@ -178,6 +179,11 @@ def test_the_doctor_finds_the_example_ready(kind: Example, tmp_path: Path) -> No
         )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "Ready." in done.stdout
+    first, *events = map(json.loads, (tmp_path / "session.jsonl").read_text("utf-8").splitlines())
+    driver = tomllib.loads(bench.read_text("utf-8"))["driver"]
+    assert first["driver"].keys() == driver.keys()
+    asked = {event["instrument"] for event in events}
+    assert asked >= {"input drive", "output drive", "temperature"}
 
 
 @pytest.mark.nightly

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.bench.description import CounterDescription
+from torquebench.bench.drivers.recording import note, recording
 from torquebench.bench.roles import SIDES, torque_channel
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
@@ -110,7 +111,10 @@ class LibraryCounter(DescribedCounter):
         if self._closed:
             raise BenchError("counter is closed", "an open instrument", "open it again")
         try:
-            return question()
+            answer = question()
+            if recording():
+                note(self._place, "", "answer", f"{what}: {answer!r}")
+            return answer
         except self._failures as error:
             said = f"{what}: {self._text_of(error)}" if what else self._text_of(error)
             raise BenchError(

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from torquebench.bench.drivers.links import Link, WireError, split_address
 from torquebench.bench.drivers.plugins import Options, require_library
+from torquebench.bench.drivers.recording import note, recording
 from torquebench.message import Message
 
 __all__ = ["LineConnection", "LineLink", "LineOptions", "SerialLines", "SerialRate", "SocketLines"]
@@ -158,6 +159,28 @@ class SerialLines(_Lines):
             self._port.close()
 
 
+class _RecordedLines:
+    """A connection whose lines are recorded."""
+
+    def __init__(self, connection: LineConnection, name: str, address: str) -> None:
+        self._connection, self._place = connection, (name, address)
+
+    def send(self, line: str) -> None:
+        """Send a line and the terminator."""
+        note(*self._place, "sent", line)
+        self._connection.send(line)
+
+    def receive(self, timeout_s: float) -> str:
+        """Return the next line; raises `WireError`."""
+        line = self._connection.receive(timeout_s)
+        note(*self._place, "received", line)
+        return line
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._connection.close()
+
+
 class LineLink(Link[LineConnection]):
     """A connection to an instrument that answers with lines.
 
@@ -188,9 +211,12 @@ class LineLink(Link[LineConnection]):
     def _open(self) -> LineConnection:
         options, (terminator, prologue, epilogue) = self._options, self._session
         host, _, port = options.address.rpartition(":")
+        connection: LineConnection
         if host and port.isdigit():
-            return SocketLines(options.address, self.timeout_s, terminator)
-        return SerialLines(options, self.timeout_s, terminator, prologue, epilogue)
+            connection = SocketLines(options.address, self.timeout_s, terminator)
+        else:
+            connection = SerialLines(options, self.timeout_s, terminator, prologue, epilogue)
+        return _RecordedLines(connection, self.name, self.address) if recording() else connection
 
     def _close(self, connection: LineConnection) -> None:
         connection.close()

@@ -11,6 +11,7 @@ from typing import Annotated, Generic, Self, TypeVar
 
 from pydantic import Field, StringConstraints
 
+from torquebench.bench.drivers.recording import note, recording
 from torquebench.errors import BenchError, InputError, LimitError
 from torquebench.message import Message
 
@@ -164,9 +165,13 @@ class Link(ABC, Generic[Connection]):
                     if self._connection is None:
                         self._connection = self._open()
                         self.reconnects += 1
-                    return question(self._connection)
+                    answer = question(self._connection)
+                    if recording():
+                        note(self.name, self.address, "answer", repr(answer))
+                    return answer
                 except (OSError, WireError) as error:
                     failure = error
+                    note(self.name, self.address, "failure", error)
                     self._drop()
             raise BenchError(
                 Message(

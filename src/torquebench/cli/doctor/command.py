@@ -80,12 +80,20 @@ def doctor(
             help="Also power each drive at zero torque to test its stop and watchdog.",
         ),
     ] = False,
+    record: Annotated[
+        Path | None,
+        typer.Option(
+            "--record",
+            help="Write everything that the instruments are asked and answer to this new file.",
+        ),
+    ] = None,
 ) -> Examined:
     """Check the installation, the bench description, the instruments and the records.
 
     Nothing is moved, and no drive is powered without `--test-drives`. Exit code 1 if a problem must
     be solved before work.
     """
+    from torquebench.bench.drivers.recording import recorded
     from torquebench.cli.doctor import bench as doctor_bench
 
     findings: list[Finding] = []
@@ -98,14 +106,15 @@ def doctor(
     ]
     if test_drives:
         steps.append(("Drives", lambda: doctor_bench.drives(bench_description(bench), data)))
-    for title, examine in steps:
-        note(DOING[title])
-        found = list(_guarded(examine))
-        _print(title, found)
-        findings += found
-        if title in NEEDED and any(finding.state == "problem" for finding in found):
-            note(f"the checks after {title!r} were omitted")
-            break
+    with recorded(record, _session(bench) if record else {}):
+        for title, examine in steps:
+            note(DOING[title])
+            found = list(_guarded(examine))
+            _print(title, found)
+            findings += found
+            if title in NEEDED and any(finding.state == "problem" for finding in found):
+                note(f"the checks after {title!r} were omitted")
+                break
     problems = sum(finding.state == "problem" for finding in findings)
     headline = (
         f"{problems} problem{'s' if problems > 1 else ''} to solve before you work."
@@ -114,6 +123,22 @@ def doctor(
     )
     say(headline)
     return Examined(headline=headline, findings=findings, problems=problems)
+
+
+def _session(bench: Path | None) -> dict[str, object]:
+    """Return what the first line of a recorded session states."""
+    from datetime import UTC, datetime
+
+    from torquebench import __version__
+
+    description = bench_description(bench)
+    return {
+        "torquebench": __version__,
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "bench": description.name,
+        "serials": description.serials,
+        "driver": dict(description.driver),
+    }
 
 
 def installation() -> Iterator[Finding]:
