@@ -221,6 +221,7 @@ class BenchClock:
             return True
 
     def _wanted(self) -> bool:
+        """Return whether somebody waits for bench time and nobody computes meanwhile."""
         if self._required_s > self._now_s + _TICK_S:
             return True
         thinking = any(activity.busy for activity in self._loops.values())

@@ -385,6 +385,7 @@ class _Description:
         self.square = u**2
 
     def _noise(self, amplitudes: FloatArray) -> FloatArray:
+        """Return the variance of each block's mean."""
         growth = np.exp(amplitudes[-1])
         scatter = np.exp(2.0 * amplitudes[-2]) * (1.0 + growth * self.square)
         return np.asarray(scatter / self.table.weight)

@@ -681,6 +681,7 @@ def _branch_of_series(torque: NDArray[np.float64], tolerance: float) -> NDArray[
 
 
 def _renumbered(parts: Iterable[NDArray[np.int64]]) -> Iterable[NDArray[np.int64]]:
+    """Yield the parts' series with numbers that go on from part to part."""
     taken = 0
     for series in parts:
         shifted = series - series.min() + 1 + taken

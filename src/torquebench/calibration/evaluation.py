@@ -403,6 +403,7 @@ def _mean(rows: FloatArray) -> FloatArray:
 
 
 def _range(rows: FloatArray) -> FloatArray:
+    """Return the range of each column; NaN for a column without values."""
     low = np.where(np.isnan(rows), np.inf, rows).min(axis=0)
     high = np.where(np.isnan(rows), -np.inf, rows).max(axis=0)
     return np.where(np.isfinite(low), high - low, np.nan)

@@ -438,6 +438,7 @@ def _steps(data: CalibrationData) -> tuple[NDArray[np.int64], FloatArray]:
 
 
 def _means(step_of: NDArray[np.intp], error: FloatArray, where: NDArray[np.bool_]) -> FloatArray:
+    """Return the mean error of each step over the rows in `where`; NaN without any."""
     size = int(step_of.max()) + 1
     count = np.bincount(step_of[where], minlength=size)
     total = np.bincount(step_of[where], weights=error[where], minlength=size)

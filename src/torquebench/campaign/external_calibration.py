@@ -276,6 +276,7 @@ def _limits(
 
 
 def _documents(writer: Any, profile: Profile, circumstances: ExternalCalibration) -> None:
+    """Write start and stop documents, as a measured run has them."""
     uid, time_s = secrets.token_hex(8), circumstances.performed.timestamp()
     settings = json.loads(json_text(profile))
     named = {"name": profile.name, "sha256": profile.sha256, "settings": settings}

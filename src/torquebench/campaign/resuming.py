@@ -397,6 +397,7 @@ def _measured(folder: RunFolder) -> bool:
 
 
 def _profile(run: RunSummary, start: dict[str, Any]) -> Profile:
+    """Return the profile of an interrupted run; refuse one that has changed."""
     profile = Profile.model_validate(start["profile"]["settings"])
     if profile.sha256 != start["profile"]["sha256"]:
         raise RecordError(

@@ -445,10 +445,12 @@ def trend_free(X: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _scales(count: int) -> float:
+    """Return the number of scatters from which on one of `count` points is an outlier."""
     return _OUTLIER_SCALES + _OUTLIER_SCALES_PER_POINT / count
 
 
 def _around(index: int, count: int) -> slice:
+    """Return the rows of a point and its neighbours."""
     return slice(max(0, index - _NEIGHBOURS_PER_SIDE), min(count, index + _NEIGHBOURS_PER_SIDE + 1))
 
 
@@ -473,6 +475,7 @@ def _scatter(residual: FloatArray, centre: FloatArray) -> float:
 def _name(
     points: CalibrationPoints, position: int, residual_nm: float, scatter_nm: float
 ) -> Outlier:
+    """Return an outlier with its row, series, values and deviation."""
     series = int(points.X[position, 2]) if points.X.shape[1] > 2 else 0
     return Outlier(
         row=int(points.rows[position]),

@@ -215,6 +215,7 @@ class HysteresisOperator:
         return BranchTracker((self,))
 
     def _only(self, play: int) -> HysteresisOperator:
+        """Return an operator that has one of the widths only."""
         return HysteresisOperator(
             self.widths_nm[play : play + 1],
             np.ones(1),
@@ -375,6 +376,7 @@ class BranchTracker:
 
 
 def _gap() -> InputError:
+    """Return the error for readings that aren't finite."""
     return InputError(
         "readings with gaps (not a number)",
         "finite readings in one row",

@@ -69,6 +69,7 @@ class OrthogonalPolynomial:
 def _recurrence(
     u: FloatArray, alpha: FloatArray, beta: FloatArray, first: FloatArray
 ) -> FloatArray:
+    """Return the orthogonal polynomials at u by their three-term recurrence."""
     basis = np.empty((alpha.size, u.size))
     basis[0] = first
     for k in range(alpha.size - 1):
@@ -229,4 +230,5 @@ class PolynomialModel(FormModel):
         return self._pick(reading, [polynomial(reading) for polynomial in self.polynomials_])
 
     def _pick(self, reading: FloatArray, values: list[FloatArray]) -> FloatArray:
+        """Return each reading's value by the polynomial of its direction."""
         return values[0] if len(values) == 1 else np.where(reading < 0.0, values[0], values[1])

@@ -538,6 +538,7 @@ def _checked(X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
 
 
 def _consecutive(groups: ArrayLike, count: int) -> IntArray:
+    """Return groups numbered from 0 on."""
     values = np.asarray(groups)
     if values.shape != (count,):
         raise InputError(
@@ -550,6 +551,7 @@ def _consecutive(groups: ArrayLike, count: int) -> IntArray:
 def _candidates(
     models: Sequence[str] | Mapping[str, CompensationModel] | None, outliers: str
 ) -> dict[str, CompensationModel]:
+    """Return the models to be compared, by name."""
     if isinstance(models, Mapping):
         return dict(models)
     return {name: make_model(name, outliers=outliers) for name in models or CANDIDATES}

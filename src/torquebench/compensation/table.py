@@ -335,6 +335,7 @@ def _reading(reading_nm: ArrayLike) -> FloatArray:
 
 
 def _branch(branch: ArrayLike | None) -> NDArray[np.int8] | None:
+    """Return branches as signs of one byte; None stays."""
     if branch is None:
         return None
     given = np.asarray(branch)

@@ -196,6 +196,7 @@ class FilterStream:
         return result
 
     def _run(self, values: FloatArray, spread: FloatArray) -> tuple[FloatArray, ...]:
+        """Filter samples; before the first one the signal is taken for constant."""
         if not self._begun:
             self._begun = True
             self._past[0], self._past[1] = values[0], spread[0] ** 2
@@ -203,6 +204,7 @@ class FilterStream:
 
 
 def _runs(finite: NDArray[np.bool_]) -> Iterable[tuple[int, int]]:
+    """Return begin and end of the runs of finite and of missing samples."""
     if not finite.size:
         return []
     cuts = (np.flatnonzero(np.diff(finite)) + 1).tolist()

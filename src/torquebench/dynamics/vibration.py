@@ -210,6 +210,7 @@ def identify_vibration(steps: Steps) -> Vibration:
 
 
 def _basis(parameters: FloatArray, time: FloatArray, vibrating: bool) -> FloatArray:
+    """Return columns over time: drift, drive, ripple and, if wanted, vibration."""
     frequency, damping, drive_s, ripple_hz = parameters
     natural, ripple = TURN * frequency, TURN * ripple_hz * time
     columns = [np.ones(time.size), time - np.mean(time), np.exp(-time / drive_s)]

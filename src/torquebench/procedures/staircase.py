@@ -97,6 +97,7 @@ class _Loader:
         yield from progress(self.done + len(self.steps), self.total, "done")
 
     def _step(self, step: Step, on_row: Callable[[Step, Row], None]) -> Plan[None]:
+        """Load one step: seat again if it says so, then zero, record or hold."""
         if step.change != "none":
             seating = Seating(step.change, step.position_deg)
             yield from reseat(self.devices, self.setup, seating)

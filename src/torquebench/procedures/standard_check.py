@@ -250,6 +250,7 @@ class StandardCheck(Movable[TakenStep]):
                 self._compare(nominal_nm, loaded.since(pair))
 
     def _compare(self, nominal_nm: float, pair: PairedTorque) -> None:
+        """Compare module and standard at the largest load so far of a direction."""
         direction = math.copysign(1.0, nominal_nm)
         if abs(nominal_nm) <= self._compared[direction]:
             return

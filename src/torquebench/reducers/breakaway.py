@@ -480,6 +480,7 @@ def _torque_outliers(samples: Samples, threshold_rad: float) -> NDArray[np.bool_
 
 
 def _motion(samples: Samples, label: float, threshold_rad: float) -> FirstMotion:
+    """Find the first motion of a ramp; name the ramp if that fails."""
     try:
         return first_motion(samples["time_s"], samples["angle_rad"], threshold_rad=threshold_rad)
     except InputError as problem:

@@ -134,6 +134,7 @@ class EfficiencyMap:
     means: tuple[EfficiencyPoint, ...] = ()
 
     def _of(self, driving: Side, direction: float) -> list[EfficiencyPoint]:
+        """Return the points of one driving side and direction of rotation."""
         return [
             each
             for each in self.points
@@ -405,6 +406,7 @@ def evaluate_efficiency(
 
 
 def _chosen(known: KnownTorque | None, index: Floats) -> KnownTorque:
+    """Return the uncertainties of selected points."""
     if known is None or isinstance(known, TorqueUncertainty):
         return known or TorqueUncertainty()
     return [known[int(each)] for each in index]

@@ -406,6 +406,7 @@ def levels_of(values: Floats, least: int = LEAST_LEVELS) -> list[slice]:
 
 
 def _drift(values: Floats) -> float:
+    """Return the difference of the means of both halves."""
     half = values.size // 2
     return abs(float(values[half:].mean() - values[: values.size - half].mean()))
 

@@ -30,6 +30,7 @@ def _first_at_or_after(ticks, guess, tick):  # type: ignore[no-untyped-def] # Nu
 
 @inner
 def _irregular(ticks, low, high, stop):  # type: ignore[no-untyped-def] # Numba infers
+    """Return whether successive intervals differ by a half, or the end lacks pulses."""
     for i in range(max(low, 2), high):
         interval = ticks[i] - ticks[i - 1]
         previous = ticks[i - 1] - ticks[i - 2]

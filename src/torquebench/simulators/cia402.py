@@ -102,6 +102,7 @@ class Cia402Node:
         self.node.nmt.send_command(ENTERS_PRE_OPERATIONAL)
 
     def _asked(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        """Answer a request for an object, unless the node is stopped."""
         if self.node.nmt.state not in ("STOPPED", "INITIALISING"):
             self.node.sdo.on_request(can_id, data, timestamp)
 
@@ -135,6 +136,7 @@ class Cia402Node:
             self._network.subscribe(0x700 + master, self._fed)
 
     def _fed(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        """Feed the drive's watchdog by a heartbeat of the bench."""
         del can_id, data, timestamp
         if self._consumed is not None and self._stored(cia402.ABORT_OPTION) != 0:
             self._drive.watchdog_s = self._consumed[1]

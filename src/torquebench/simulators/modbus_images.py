@@ -84,6 +84,7 @@ class Image(ABC):  # noqa: B024 - no instrument has every table
 
 
 def _placed(words: Mapping[int, list[int]]) -> dict[int, int]:
+    """Return words by the address of each, from blocks by their first address."""
     return {
         first + offset: word for first, block in words.items() for offset, word in enumerate(block)
     }

@@ -152,10 +152,12 @@ class Plant:
                 passed_s -= STEP_S
 
     def _abandoned(self) -> bool:
+        """Return whether nobody reads any more while a drive has power."""
         powered = any(drive.state().enabled for drive in self.bench.drives.values())
         return self._read_before and self._readers == 0 and powered
 
     def _advance(self, duration_s: float) -> None:
+        """Advance the bench, and hand its edges and angles to those who take them."""
         block = self.bench.read_block(duration_s)
         self._now_s = block.stop_s
         for tap in self._edges:

@@ -147,6 +147,7 @@ class ScpiInstrument(ABC):  # noqa: B024 - some have nothing else to do
         return ";".join(answers) if answers else None
 
     def _act(self, header: str, arguments: list[str], faults: WireFaults) -> str | None:
+        """Obey an instrument's own command; return the answer to a query."""
         asks = header.endswith("?")
         if faults.ignoring and not asks:
             return None
@@ -191,6 +192,7 @@ class ScpiInstrument(ABC):  # noqa: B024 - some have nothing else to do
         return status | (64 if status & self._masks["*SRE"] else 0)
 
     def _note(self, code: int) -> None:
+        """Queue an error and set its event bit."""
         self._events |= EVENT_OF_ERROR[-code // 100]
         if len(self._errors) < ERRORS_KEPT:
             self._errors.append(code)
@@ -244,6 +246,8 @@ class ScpiFrequencyCounter(ScpiInstrument):
         self.reset()
 
     def _setting(self, pattern: str, parse: Callable[[str], str]) -> None:
+        """Serve a setting that can be written and queried."""
+
         def put(arguments: Sequence[str], _: WireFaults) -> None:
             value = parse(arguments[0])
             self._stop()

@@ -93,10 +93,12 @@ WEAR: dict[Preset, float] = {"nominal": 1.0, "worn": 1.7}
 
 
 def _around(generator: np.random.Generator, mean: float, spread: float) -> float:
+    """Draw a value within a relative spread of a mean."""
     return mean * generator.uniform(1.0 - spread, 1.0 + spread)
 
 
 def _signed(generator: np.random.Generator, low: float, high: float) -> float:
+    """Draw a size between two limits with a random sign."""
     return float(generator.uniform(low, high) * generator.choice([-1.0, 1.0]))
 
 

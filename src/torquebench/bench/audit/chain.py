@@ -185,6 +185,7 @@ class _Walk:
             self._dropped = max(self._dropped, int(json.loads(line)["last_line"]))
 
     def _begins(self, where: str, place: _Place, before: bytes) -> None:
+        """Check the first chained line against the lines before it, which older versions wrote."""
         self._first = place.end.line
         expected = hashlib.sha256(before).hexdigest() if before else _START
         if self._damaged or (self._first == 1 and place.previous_sha256 == expected):

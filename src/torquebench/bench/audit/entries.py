@@ -155,6 +155,7 @@ class AuditLog:
     # -- files ------------------------------------------------------------------------------
 
     def _soon(self, line: str) -> None:
+        """Append a line in the writer's thread, so that the caller doesn't wait for the disk."""
         self._start_writer()
         self._waiting.put(line)
 
@@ -254,6 +255,7 @@ class AuditLog:
             self._note(DROPPED, file=old.name, last_line=last.line, last_sha256=last.sha256)
 
     def _fails(self, failure: str) -> None:
+        """Report a failure once, until a line is written again."""
         told, self._failed = self._failed, True
         if not told:
             self.on_failure(failure)

@@ -346,6 +346,7 @@ class DaqmxCounter(LibraryCounter):
         return f"/{device}/{counter.lstrip('_').capitalize()}InternalOutput"
 
     def _armed(self, task: Any) -> None:
+        """Let a task begin with the first edge of the start trigger."""
         trigger = task.triggers.arm_start_trigger
         trigger.trig_type = self._constants.TriggerType.DIGITAL_EDGE
         trigger.dig_edge_src = self._terminal("StartTrigger")
@@ -504,6 +505,7 @@ class DaqmxCounter(LibraryCounter):
         return np.asarray(counts)
 
     def _angles(self, side: Side, count: int) -> Record:
+        """Return the next counts of an encoder with their times."""
         held = self._held[side]
         counts, self._held[side] = held[:count], held[count:]
         numbers = self._start_sample + np.arange(count, dtype=np.float64)

@@ -109,6 +109,7 @@ class FixtureModes(_Part):
         return reached[0]
 
     def _reached(self, side: Side) -> list[Mode]:
+        """Return the modes of a side whose contacts are closed."""
         made = self._fixture.made(*_SIDE_CONTACTS[side])
         return [mode for mode, contact in zip(_CONTACTS, made, strict=True) if contact]
 

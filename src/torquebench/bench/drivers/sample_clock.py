@@ -54,6 +54,7 @@ class SampleClock:
         self._begin()
 
     def _begin(self) -> None:
+        """Forget all answers, as at the start."""
         self._number = 0  # earliest time of the next sample, when the first answer came
         self._begun_s = -math.inf  # earliest time at which the first answer came
         self._settled = False

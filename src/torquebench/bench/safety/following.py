@@ -71,6 +71,7 @@ class _Ramp:
             self._before.popleft()
 
     def _towards(self, target: float, present: float, stop_s: float) -> float:
+        """Return a value after ramping from the present one until a time."""
         distance = target - present
         way = self._rate * (stop_s - self._time_s) if distance else 0.0
         return target if abs(distance) <= way else present + math.copysign(way, distance)

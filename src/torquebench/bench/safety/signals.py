@@ -144,6 +144,7 @@ class SignalJudge:
         self._forgetting = True
 
     def _begin(self) -> None:
+        """Forget the past if that was requested, except for the angles of the shafts."""
         if not self._forgetting:
             return
         self._forgetting = False
@@ -154,6 +155,7 @@ class SignalJudge:
         self._following.forget()
 
     def _result(self) -> tuple[Violation | None, list[Change]]:
+        """Return the check's first violation and its warnings, and clear both."""
         result = self._violation, self._warnings
         self._violation, self._warnings = None, []
         return result
@@ -329,6 +331,7 @@ class SignalJudge:
             self._torque_rate(side, name, highest)
 
     def _missing(self, block: Block) -> None:
+        """Check that encoders and probes deliver samples."""
         for side in SIDES:
             probe = self._description.module(side).temperature_probe
             if math.isnan(block.speed_rad_s(side)):

@@ -278,6 +278,7 @@ class SafetySupervisor:
         self._go_on(block.stop_s)
 
     def _act(self, violation: Violation | None, changes: list[Change]) -> None:
+        """Trip for a violation, and raise or clear the warnings that changed."""
         if violation is not None and self._book.latched is None:
             self._trip_for(self._with_the_drives_words(violation))
         for change in changes:

@@ -134,6 +134,7 @@ class PartlySampled:
             yield replace(each, estimate=self._widened(each.estimate))
 
     def _widened(self, estimate: Budget) -> Budget:
+        """Return an estimate with the influences that weren't sampled in its budget."""
         if not self.unsampled:
             return estimate
         sampled = [line.times(1.0) for line in estimate.lines]

@@ -268,6 +268,7 @@ def _goes_on(time_s: FloatArray, before_s: float, interval_s: float, allowed_s: 
 
 
 def _components(added: FloatArray, curve: FloatArray, noise: FloatArray) -> tuple[Component, ...]:
+    """Return correction and uncertainties of the filter as components."""
     return (
         Component("dynamics", Shared.LOADING, curve, added, distribution=Distribution.RECTANGULAR),
         Component("noise of the dynamic filter", Shared.NOTHING, noise),

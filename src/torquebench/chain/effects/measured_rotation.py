@@ -326,6 +326,7 @@ class MeasuredRotation(Effect):
         return Component("running-in", Shared.MOUNTING, start_u * share, -start * share)
 
     def _refused(self, speed: FloatArray, celsius: FloatArray) -> NDArray[np.bool_]:
+        """Return the readings beyond the speeds, or while turning beyond the temperatures."""
         low, high = self._limits_rpm
         cold_or_hot = (celsius < self.at_c[0]) | (celsius > self.at_c[-1])
         turns = np.abs(speed) > STANDSTILL_RPM

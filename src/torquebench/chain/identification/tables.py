@@ -359,7 +359,7 @@ class _Fit:
         points = Normal.of(_columns(used, data.points), data.target)
         together = int(np.ceil(max((len(rows) for rows, _ in data.runs), default=1) / _MOST_ROWS))
         runs = [_averaged(used, rows, target, together) for rows, target in data.runs]
-        sizes = [block.columns(_one(data.points)).shape[1] for block in used]
+        sizes = [block.columns(_at_rest(data.points)).shape[1] for block in used]
         centres, widths = _prior(used, 2 if runs else 1)
         first = explore(_groups(runs, points), sizes, centres, widths, doubtful=False)
         runs, slowness = _cleaned(runs, first)
@@ -423,7 +423,8 @@ def _averaged(
     return np.concatenate(parts), means(target[whole]), Circumstances(**mean)
 
 
-def _one(rows: Circumstances) -> Circumstances:
+def _at_rest(rows: Circumstances) -> Circumstances:
+    """Return the circumstances at rest with the first row's share of the torque."""
     return Circumstances.of(1, share=float(rows.share[0]))
 
 

@@ -146,6 +146,7 @@ def correlated_covariance(
 
 
 def _side(u: FloatArray) -> FloatArray:
+    """Return the direction of torques; 0 near zero."""
     return np.where(np.abs(u) < SIDELESS, 0.0, np.sign(u))
 
 

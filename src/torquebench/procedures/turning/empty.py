@@ -359,4 +359,5 @@ class _Runner:
             yield from leg_checkpoint()
 
     def _done(self, series: int, place: int) -> int:
+        """Return the number of legs before a leg of a series."""
         return series * (self.total // self.profile.series()) + place

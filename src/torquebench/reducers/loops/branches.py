@@ -211,6 +211,7 @@ def _span(torque: Floats, part: Indices) -> float:
 
 
 def _cut(torque: Floats, parts: list[tuple[int, Indices]]) -> list[tuple[Pieces, Pieces]]:
+    """Return rising and falling parts of each loop that spans nearly the whole torque."""
     widest = max(_span(torque, part) for _, part in parts)
     whole = [(sign, part) for sign, part in parts if _span(torque, part) >= FULL_SPAN * widest]
     found: list[tuple[Pieces, Pieces]] = []

@@ -481,6 +481,8 @@ def _lost_motion(loop: LoopFeatures) -> Feature:
 
 
 def _region(number: int) -> Callable[[LoopFeatures], Feature]:
+    """Return a function that picks one region's stiffness of a loop."""
+
     def choose(loop: LoopFeatures) -> Feature:
         region = loop.regions[number]
         assert region is not None

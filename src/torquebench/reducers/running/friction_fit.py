@@ -178,6 +178,7 @@ def fit_friction(
 
 
 def _supported(fit: FrictionFit) -> bool:
+    """Return whether each part of a fit is clearly above 0."""
     return all(part.value > SUPPORTED * part.standard_uncertainty for part in fit.parts.values())
 
 

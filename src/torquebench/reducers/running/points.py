@@ -143,6 +143,7 @@ def same_speeds(speed: Floats, tolerance_rpm: float | None) -> NDArray[np.int64]
 
 
 def _branch(speed: Floats) -> Floats:
+    """Return +1 where the size of the speed grows or the direction changes, -1 where it falls."""
     size = np.abs(speed)
     change = np.sign(np.diff(size, prepend=size[0]))
     change[np.diff(np.sign(speed), prepend=np.sign(speed[0])) != 0.0] = 1.0

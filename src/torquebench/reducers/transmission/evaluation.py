@@ -428,6 +428,7 @@ def _between_peaks(found: Revolution, known: AngleUncertainty, ratio: float) -> 
 
 
 def _reversal(means: list[Revolution], known: AngleUncertainty, ratio: float) -> Budget | None:
+    """Return the difference of both directions' means; None for one direction."""
     if len(means) < 2:
         return None
     noise = [

@@ -277,6 +277,7 @@ def _step_or_line(angle: Floats, error: Floats, ratio: float) -> tuple[float, fl
 
 
 def _periodic(angle: Floats, orders: list[float]) -> Floats:
+    """Return an orthonormal basis of a constant and the orders of an angle."""
     columns = [np.ones_like(angle)]
     for order in orders:
         columns += [np.cos(order * angle), np.sin(order * angle)]

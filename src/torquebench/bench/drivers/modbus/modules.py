@@ -158,6 +158,7 @@ def _adjacent(registers: list[int], values: ValueMap) -> list[list[int]]:
 
 
 def _broken(values: ValueMap, words: Sequence[int]) -> bool:
+    """Return whether registers state the value of a broken probe."""
     return values.number(words) in values.broken
 
 

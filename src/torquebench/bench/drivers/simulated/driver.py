@@ -308,6 +308,7 @@ class SimulatedBench:
         return step_s
 
     def _watch(self, now_s: float) -> None:
+        """Switch off drives whose watchdog hasn't been fed in time."""
         for side, axes in self._axes.items():
             drive = self.drives[side]
             unfed_s = now_s - axes.fed_s
@@ -327,6 +328,7 @@ class SimulatedBench:
         return min((each for each in left if each > 0.0), default=float("inf"))
 
     def _drive(self, step_s: float) -> None:
+        """Advance the drives' ramps by a step of time."""
         for side, axes in self._axes.items():
             if axes.torque.step(step_s):
                 self._twin.command_torque(side, axes.torque.present)
@@ -334,6 +336,7 @@ class SimulatedBench:
                 self._twin.command_speed(side, axes.speed.present)
 
     def _keep(self, block: TwinBlock) -> None:
+        """Keep the true torques and the temperatures of a block."""
         self._temperatures = {name: float(t) for name, t in block.temperatures.items()}
         torque = block.truth.torque_nm
         self._truth.append(
