@@ -141,6 +141,7 @@ class BlockEvaluator:
             row = conditions.time_s.searchsorted(record.time_s).clip(max=len(conditions) - 1)
 
         def value(name: str) -> Any:
+            """Return a condition at the end of each window's block; once for a single block."""
             values = conditions[name]
             return values.item() if values.size == 1 else values[row]
 

@@ -289,9 +289,10 @@ def approximate(
     builder = _Builder(curve, limits, full_scale, gain, BRANCHES if branch_aware else (0,))
     attempt: _Attempt | None = None
     for degree, most in _POLICY:
+        # intervals over the range, and in how many parts each of those near zero is divided
         far, fineness = _FIRST_INTERVALS, 1
-        previous, needed = np.inf, 0.0
-        known: tuple[int, float] | None = None
+        previous, needed = np.inf, 0.0  # last deviation; intervals that it lets expect
+        known: tuple[int, float] | None = None  # intervals and deviation of the last attempt
         most = min(most, largest)
         while builder.count(far, fineness) <= most and needed <= 4 * most:
             attempt = builder.attempt(far, fineness, degree)
