@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Any, NoReturn, Self
 
 import grpc
+import numpy as np
 from nidaqmx._stubs import nidaqmx_pb2 as messages
 from nidaqmx._stubs import nidaqmx_pb2_grpc as services
 
@@ -26,19 +27,21 @@ class _Task:
         self.started = False
         self.inputs: list[tuple[str, str]] = []
         self.triggers: list[str] = []
+        self.phases = [(0.0, 0.0)]
 
 
 class CounterCardPeer(services.NiDAQmxServicer):
     """Edges of `frequency_hz` on every channel, encoders that turn at `counts_per_s`.
 
-    Edge n comes at n / f, counted from the clock's first pulse. `inputs` are the volts, or mV/V,
-    of the analogue inputs by their terminal, over the time.
+    A callable `frequency_hz` gives the present frequency of a counter. Edge n comes at n / f,
+    counted from the clock's first pulse. `inputs` are the volts, or mV/V, of the analogue inputs by
+    their terminal, over the time.
     """
 
     def __init__(
         self,
         serial: int,
-        frequency_hz: float,
+        frequency_hz: float | Callable[[str], float],
         counts_per_s: float,
         inputs: dict[str, Callable[[float], float]] | None = None,
     ) -> None:
@@ -84,7 +87,12 @@ class CounterCardPeer(services.NiDAQmxServicer):
     def _there(self, task: _Task) -> int:
         """Return how many samples there have been since the clock began."""
         if task.kind == "period":
-            return int(self._passed_s() * self.frequency_hz)
+            if not callable(self.frequency_hz):
+                return int(self._passed_s() * self.frequency_hz)
+            now_s = self._passed_s()
+            since_s, phase = task.phases[-1]
+            task.phases.append((now_s, phase + (now_s - since_s) * self.frequency_hz(task.counter)))
+            return int(task.phases[-1][1])
         return 0 if self._begun is None else int(self._passed_s() * task.rate_hz) + 1
 
     def GetSystemInfoAttributeUInt32(self, request: Any, context: Any) -> Any:
@@ -195,6 +203,17 @@ class CounterCardPeer(services.NiDAQmxServicer):
         task.handed += count
         return numbers
 
+    def _ticks(self, task: _Task, numbers: range) -> list[int]:
+        """Return the times of edges."""
+        if not callable(self.frequency_hz):
+            return [round(n / self.frequency_hz * TIMEBASE_HZ) for n in numbers]
+        times, phases = np.array(task.phases).T
+        del task.phases[:-50]
+        found: list[int] = (
+            np.rint(np.interp(numbers, phases, times) * TIMEBASE_HZ).astype(int).tolist()
+        )
+        return found
+
     def ReadAnalogF64(self, request: Any, context: Any) -> Any:
         task, count = self._task(request, context), request.num_samps_per_chan
         numbers = self._await(task, count, request.timeout)
@@ -209,7 +228,7 @@ class CounterCardPeer(services.NiDAQmxServicer):
         if numbers is None:
             return messages.ReadCounterU32ExResponse(status=-200284)
         if task.kind == "period":
-            ticks = [round(n / self.frequency_hz * TIMEBASE_HZ) for n in (*numbers, numbers.stop)]
+            ticks = self._ticks(task, range(numbers.start, numbers.stop + 1))
             values = [after - before for before, after in pairwise(ticks)]
         else:
             values = [round(n / task.rate_hz * self.counts_per_s) % 2**32 for n in numbers]

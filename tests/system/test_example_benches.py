@@ -16,41 +16,68 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pytest
+from tests.peers.cia402_node import Cia402Peer
+from tests.peers.daqmx_server import CounterCardPeer
 from tests.peers.displays import ScalePeer
 from tests.peers.hbm_amplifiers import HbmPeer
 from tests.peers.modbus_device import READ_COILS, READ_INPUT, ModbusDevicePeer
 from tests.peers.moteus_controller import MoteusPeer
 from tests.peers.plc import AdsPlc, S7Plc
 from tests.system.command_line import environment, wait_until
-from tests.system.networked import WATCHDOG_S, waiting
+from tests.system.networked import CAN_BUS, WATCHDOG_S, waiting
 from tests.system.panel_api import SLOW
 from tests.system.peer_bench import GAIN, NOISE_SHARE, RANGE_NM, ZERO_SHARE, stated, toml
 
 pytestmark = SLOW
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "benches"
-Example = Literal["beckhoff", "siemens", "open"]
-BENCHES = ("beckhoff", "siemens", "open")
-DRIVE_S, ANSWER_S = 4.9, {"ads": 2.0, "s7": 2.0, "hbm": 1.0, "serial": 1.0, "modbus": 2.0}
+Example = Literal["beckhoff", "siemens", "open", "papers"]
+BENCHES = ("beckhoff", "siemens", "open", "papers")
+DRIVE_S, ANSWER_S = (
+    4.9,
+    {"ads": 2.0, "s7": 2.0, "hbm": 1.0, "serial": 1.0, "modbus": 2.0, "nidaqmx": 20.0},
+)
 
 
-class OpenPlant(ExitStack):
-    """Two moteus actuators, four load cells, contacts and probes, in the place of a PLC."""
+class ModbusFixture(ExitStack):
+    """Contacts and probes on Modbus modules, in the place of a PLC."""
 
-    def __init__(self, values: dict[str, Any], module_nm: Any, standard_nm: Any) -> None:
+    def __init__(self, driver: dict[str, Any]) -> None:
         super().__init__()
-        self._gear = {side: values[side]["drive"].get("gear_ratio", 1.0) for side in RANGE_NM}
         self._contacts, probes = ModbusDevicePeer(), ModbusDevicePeer()
         self._contacts.bits[READ_COILS] = dict.fromkeys(range(22), False)
         self._contacts.written = self._follow
         self._follow()
         probes.registers[READ_INPUT] = dict.fromkeys(range(1536, 1542), 230)
-        driver = values["driver"]
         for key, peer in (
             ("modes", self._contacts),
             ("clamp", self._contacts),
             ("temperature", probes),
         ):
             driver[key]["address"] = peer.address
+        for each in (self._contacts, probes):
+            self.enter_context(each)
+
+    @property
+    def clamped(self) -> bool:
+        return self._contacts.bits[READ_COILS][20]
+
+    def _follow(self) -> None:
+        bits = self._contacts.bits[READ_COILS]
+        coils = [bits[16 + k] for k in range(6)]
+        made: list[bool] = []
+        for driven, locked in ((coils[0], coils[1]), (coils[2], coils[3])):
+            made += [not driven and not locked, driven, locked]
+        made += [coils[4], coils[4], not coils[4]]
+        bits |= dict(enumerate(made))
+
+
+class OpenPlant(ModbusFixture):
+    """Two moteus actuators and four load cells."""
+
+    def __init__(self, values: dict[str, Any], module_nm: Any, standard_nm: Any) -> None:
+        driver = values["driver"]
+        super().__init__(driver)
+        self._gear = {side: values[side]["drive"].get("gear_ratio", 1.0) for side in RANGE_NM}
         self.motors = {}
         for number, side in enumerate(RANGE_NM):
             motor = self.motors[side] = MoteusPeer(number + 1, True, number + 1)
@@ -64,23 +91,47 @@ class OpenPlant(ExitStack):
                     ScalePeer(lambda side=side, torque=torque: round(torque(side), 5))
                 )
                 driver[role]["channels"][f"{side}_{kind}"] = cell.address
-        for peer in (self._contacts, probes, *self.motors.values()):
-            self.enter_context(peer)
-
-    def _follow(self) -> None:
-        bits = self._contacts.bits[READ_COILS]
-        coils = [bits[16 + k] for k in range(6)]
-        made: list[bool] = []
-        for driven, locked in ((coils[0], coils[1]), (coils[2], coils[3])):
-            made += [not driven and not locked, driven, locked]
-        made += [coils[4], coils[4], not coils[4]]
-        bits |= dict(enumerate(made))
+        for actuator in self.motors.values():
+            self.enter_context(actuator)
 
     def torque_nm(self, side: str) -> float:
         """Return the torque of a side's actuator against the clamped standard."""
         self.motors[side].look()
-        clamped = self._contacts.bits[READ_COILS][20]
-        return self._gear[side] * self.motors[side].torque_nm if clamped else 0.0
+        return self._gear[side] * self.motors[side].torque_nm if self.clamped else 0.0
+
+
+class PapersPlant(ModbusFixture):
+    """Transducers of 60 kHz at an NI card, a DMP41 for the calibrator, two CANopen drives."""
+
+    def __init__(self, values: dict[str, Any], module_nm: Any, standard_nm: Any) -> None:
+        driver = values["driver"]
+        super().__init__(driver)
+        self.nodes = {side: Cia402Peer(8 + k, 8800 + k) for k, side in enumerate(RANGE_NM)}
+        for side, node in self.nodes.items():
+            self.enter_context(node)
+            driver[f"{side}_drive"]["bus"] = CAN_BUS | {"port": node.port}
+            values[side]["drive"]["serial"] = str(8800 + list(RANGE_NM).index(side))
+        by_counter = {"PXI1Slot2/ctr0": "input", "PXI1Slot2/ctr1": "output"}
+
+        def frequency_hz(counter: str) -> float:
+            side = by_counter[counter]
+            return 60e3 + 30e3 * float(module_nm(side)) / RANGE_NM[side]
+
+        card = self.enter_context(CounterCardPeer(0x0A1B2C3D, frequency_hz, 0.0))
+        driver["counter"]["address"] = card.address
+        standards = {
+            k + 1: stated(lambda side=side: standard_nm(side))  # type: ignore[misc]
+            for k, side in enumerate(RANGE_NM)
+        }
+        amplifier = self.enter_context(HbmPeer("DMP41", standards, False))
+        driver["reference"]["address"] = amplifier.address
+
+    def torque_nm(self, side: str) -> float:
+        """Return the torque of a side's drive against the clamped standard."""
+        motor = self.nodes[side].motor
+        with motor.lock:
+            motor.look()
+            return motor.torque.present if motor.on and self.clamped else 0.0
 
 
 @contextmanager
@@ -119,6 +170,8 @@ def example(kind: Example, folder: Path) -> Iterator[tuple[Any, Path]]:
             plc = AdsPlc(probes | torques)
         elif kind == "open":
             plc = OpenPlant(values, module_nm, standard_nm)
+        elif kind == "papers":
+            plc = PapersPlant(values, module_nm, standard_nm)
         else:
             plc = S7Plc(probes)
             full = {s: values[s]["transducer"]["signal_at_nominal"] for s in RANGE_NM}
@@ -131,7 +184,7 @@ def example(kind: Example, folder: Path) -> Iterator[tuple[Any, Path]]:
             pmx = peers.enter_context(HbmPeer("PMX", channels, False))
         peers.enter_context(plc)
         for key, section in values["driver"].items():
-            if section["protocol"] == "hbm":
+            if section["protocol"] == "hbm" and kind == "siemens":
                 section["address"] = pmx.address
             elif section["protocol"] in ("ads", "s7"):
                 section |= {k: v for k, v in plc.section().items() if k in section}
@@ -139,7 +192,8 @@ def example(kind: Example, folder: Path) -> Iterator[tuple[Any, Path]]:
         for side in RANGE_NM:
             values[side]["drive"]["watchdog_s"] = WATCHDOG_S
         values["safety"] |= {"signal_loss_s": 2.0, "stall_s": 10.0}
-        values["counter"]["block_s"] = 0.2
+        if kind != "papers":
+            values["counter"]["block_s"] = 0.2
         yield plc, toml(values, folder / "bench.toml")
 
 
@@ -151,7 +205,8 @@ def command(*words: str, bench: Path) -> list[str]:
 @contextmanager
 def calibrating(kind: Example, folder: Path) -> Iterator[tuple[Any, Any]]:
     with example(kind, folder) as (plc, bench):
-        words = ("calibrate", "input", "--yes", "--step", "25", "--repeats", "1")
+        side = "output" if kind == "papers" else "input"
+        words = ("calibrate", side, "--yes", "--step", "25", "--repeats", "1")
         with subprocess.Popen(
             command(*words, bench=bench),
             env=environment(),
@@ -186,9 +241,10 @@ def test_the_doctor_finds_the_example_ready(kind: Example, tmp_path: Path) -> No
     assert asked >= {"input drive", "output drive", "temperature"}
 
 
+@pytest.mark.alone  # peers and bench run in real time
 @pytest.mark.nightly
 @pytest.mark.parametrize("kind", BENCHES)
-def test_the_input_module_is_calibrated(kind: Example, tmp_path: Path) -> None:
+def test_a_module_is_calibrated(kind: Example, tmp_path: Path) -> None:
     with calibrating(kind, tmp_path) as (_, process):
         said, _ = process.communicate(timeout=600.0)
         assert process.returncode == 0, said
@@ -196,6 +252,7 @@ def test_the_input_module_is_calibrated(kind: Example, tmp_path: Path) -> None:
     assert raw == pytest.approx(100.0 * (GAIN - 1.0), rel=0.1)  # % FS
 
 
+@pytest.mark.alone  # peers and bench run in real time
 @pytest.mark.nightly
 @pytest.mark.parametrize("kind", ["beckhoff", "siemens"])
 def test_a_plc_whose_cable_is_pulled_stops_the_load_by_its_own_watchdog(
@@ -214,6 +271,7 @@ def test_a_plc_whose_cable_is_pulled_stops_the_load_by_its_own_watchdog(
     assert not math.isnan(motor.largest_torque)
 
 
+@pytest.mark.alone  # peers and bench run in real time
 @pytest.mark.nightly
 def test_a_killed_process_leaves_the_load_to_the_plc(tmp_path: Path) -> None:
     with calibrating("beckhoff", tmp_path) as (plc, process):
