@@ -81,9 +81,12 @@ def test_calibrate_measure_records(tmp_path: Path) -> None:
         assert len(line) <= 80
         assert line.count("±") == 2, line
         torques = re.findall(r"(-?\d+\.\d+) ± +(\d+\.\d+)", line)
-        assert abs(float(torques[0][0])) < 0.1
-        assert abs(float(torques[1][0])) < 4.0
+        assert abs(float(torques[0][0])) < 0.01  # 0.02 % of full scale, as the raw reading
+        assert abs(float(torques[1][0])) < 0.4
     assert "compensated by model-" in measured.stderr
+    assert "hysteresis" not in measured.stderr
+    unzeroed = run("measure", "--count", 1, "--data", "data", cwd=tmp_path)
+    assert "of it are hysteresis" in " ".join(unzeroed.stderr.split())
 
     listed = run("records", "list", "--data", "data", cwd=tmp_path)
     assert listed.returncode == 0
