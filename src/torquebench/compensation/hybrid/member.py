@@ -41,6 +41,7 @@ LEAST_NOISE = 1e-6
 GROWTH = about(0.7, 1.2)
 """Prior of g, where the variance of a point is proportional to 1 + g² u²."""
 _FARTHEST = 3.5  # prior standard deviations
+_MANY, _UPPER = 200.0, 0.975  # degrees of freedom that are kept; quantile of Student's factor
 _FREEDOM = 4.0
 """Degrees of freedom of noise with heavy tails."""
 _LEAST_CURVATURE = 0.2  # of the prior's curvature; a smaller one isn't that of a normal posterior
@@ -289,6 +290,26 @@ def log_posterior(
     return float(value), slope, solved
 
 
+def _freedom_of(variance: float) -> float:
+    """Return the freedom whose Student's factor belongs to a log noise of this posterior variance.
+
+    The posterior is that of a standard deviation which was estimated with some degrees of freedom,
+    times the log-normal prior: few points leave the prior, which has no tails like Student's.
+    """
+    from scipy.optimize import brentq  # imported late: a fitted model doesn't need SciPy
+    from scipy.special import ndtr, stdtridf
+
+    estimated = max(0.5 * (1.0 / variance - 1.0 / NOISE.sd**2), 0.0)
+    if estimated > _MANY:
+        return float(estimated)
+    log = np.linspace(-5.0 * NOISE.sd, 5.0 * NOISE.sd, 401)
+    chance = -estimated * (log + 0.5 * np.exp(-2.0 * log)) - 0.5 * (log / NOISE.sd) ** 2
+    chance = np.exp(chance - chance.max())
+    chance /= chance.sum()
+    factor = brentq(lambda k: chance @ ndtr(k * np.exp(-log)) - _UPPER, 1.0, 50.0)
+    return float(stdtridf(_UPPER, factor))
+
+
 @dataclass(frozen=True, eq=False)
 class Member:
     """A structure with fitted hyperparameters.
@@ -389,11 +410,11 @@ class Member:
 
     @property
     def noise_freedom(self) -> float:
-        """Degrees of freedom of the noise, from the standard deviation (2ν)^−½ of its log."""
+        """Degrees of freedom of the noise."""
         at = self.layout.noise
         if self.theta[at] <= self.layout.low[at]:  # no maximum: the fit left no noise
             return max(len(self.problem.points) - self.effective_parameters(), 1.0)
-        return float(0.5 / self.covariance[self.layout.noise, self.layout.noise])
+        return _freedom_of(self.covariance[at, at])
 
     def tailed(self, rounds: int = 8) -> Member:
         """Return the same member with heavy-tailed noise (variational, Bishop 2006, eq. 10.3)."""
