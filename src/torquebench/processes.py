@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import threading
+from pathlib import Path
 
-__all__ = ["end_with_parent"]
+__all__ = ["end_with_parent", "limit_process"]
 
 
 def end_with_parent() -> None:
@@ -24,3 +26,19 @@ def end_with_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=wait, name="torquebench-parent", daemon=True).start()
+
+
+def limit_process(memory_mb: int, seconds: float | None) -> None:
+    """Limit this process's further memory and its processor time, where the system can do so."""
+    try:
+        import resource
+    except ImportError:  # on Windows
+        return
+    with contextlib.suppress(OSError, ValueError):
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        most = used + (memory_mb << 20)
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    with contextlib.suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        if seconds is not None:
+            resource.setrlimit(resource.RLIMIT_CPU, (int(seconds) + 5, int(seconds) + 5))

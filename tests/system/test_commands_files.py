@@ -30,7 +30,7 @@ def test_fit_apply_verify(tmp_path: Path) -> None:
     arguments = ("fit", "data.csv", "--range", 2000, "--out", "model.json")
     fitted = run(*arguments, "--report", "model.html", cwd=tmp_path)
     assert fitted.returncode == 0, fitted.stderr
-    assert "model: physics + Gaussian process" in fitted.stdout
+    assert "data.csv: physics + Gaussian process" in fitted.stdout
     assert "bayesian-network" not in fitted.stdout
     assert widest_line(fitted.stdout) <= 80
     report = (tmp_path / "model.html").read_text()
@@ -70,7 +70,7 @@ def test_fit_apply_verify(tmp_path: Path) -> None:
     assert "out of the tolerance" in strict.stdout
     shutil.copy(tmp_path / "model.json", tmp_path / "other.json")
     beside = run(
-        *("verify", "model.json", "fresh.csv", "--with", "other.json", "--report", "v.html"),
+        *("verify", "model.json", "fresh.csv", "--other", "other.json", "--report", "v.html"),
         cwd=tmp_path,
     )
     assert beside.returncode == 0, beside.stderr
@@ -88,7 +88,12 @@ def test_all_kinds_are_compared_on_demand(tmp_path: Path) -> None:
     arguments = ("fit", "data.csv", "--model", "polynomial-2", "--compare")
     fitted = run(*arguments, "--out", "model.json", "--report", "fit.html", cwd=tmp_path)
     assert fitted.returncode == 0, fitted.stderr
-    for text in ("bayesian-network", "published-network", "hybrid", "model: polynomial, degree 2"):
+    for text in (
+        "bayesian-network",
+        "published-network",
+        "hybrid",
+        "data.csv: polynomial, degree 2",
+    ):
         assert text in fitted.stdout
     assert widest_line(fitted.stdout) <= 80
     assert "Comparison of models" in (tmp_path / "fit.html").read_text()
@@ -119,6 +124,6 @@ def test_a_named_model_and_one_direction(tmp_path: Path) -> None:
     arguments = ("fit", "arm.csv", "--range", 360, "--one-direction", "--model", "polynomial-1")
     result = run(*arguments, "--out", "arm.json", "--report", "arm-report.html", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
-    assert "model: polynomial, degree 1" in result.stdout
+    assert "arm.csv: polynomial, degree 1" in result.stdout
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == ["arm-report.html", "arm.csv", "arm.json"]

@@ -115,7 +115,7 @@ def test_a_folder_is_no_standard_output(words: tuple[str, ...], tables: Path) ->
 
 
 def test_a_table_that_is_kept_is_no_pipe(tables: Path) -> None:
-    refused = run("evaluate", "static", "-", *STANDARD, "--register", cwd=tables)
+    refused = run("records", "import", "-", *STANDARD, cwd=tables)
     assert refused.returncode == 2
     assert "a file: it is kept" in refused.stderr
 

@@ -53,7 +53,7 @@ def test_exports_that_cannot_be_are_refused(model: Path, tmp_path: Path) -> None
     edited = tmp_path / "edited.json"
     edited.write_text(model.read_text().replace('"side": ""', '"side": "input"'))
     for arguments, word in (
-        ((model, "--out", "table.xlsx"), ".csv, .h, .onnx, .st"),
+        ((model, "--out", "table.xlsx"), ".csv or .h or .st or .onnx"),
         ((model, "--out", "table.h", "--decimal-comma"), "decimal comma"),
         ((edited, "--out", "table.h"), "changed after it was written"),
     ):

@@ -13,8 +13,6 @@ from tests.hostile_files import FILES
 from tests.system.command_line import wait_until
 from tests.system.panel_browser import PEOPLE, SLOW, Panel, Visitor, browser, running_panel
 
-from torquebench.panel.text import Text
-
 pytestmark = SLOW
 UPLOADED = ("far-cell-denied.xlsx", "one-long-word.parquet", "fill-values.h5", "packed-zeros.mat")
 SHORT = Path(__file__).parents[2] / "examples" / "calibration-output.csv"
@@ -62,8 +60,7 @@ def test_hostile_files_are_refused_on_the_page_while_a_calibration_runs(
 ) -> None:
     with browser(panel, tmp_path / "browser") as ana:
         ana.sign_in("Ana", "/records")
-        ana.driver.find_element(By.CSS_SELECTOR, ".tabs button:nth-child(2)").click()
-        ana.press(Text("en")("external.open"))
+        ana.open("/operations/evaluate-static")
         chosen = ana.wait(
             lambda: ana.driver.find_element(By.CSS_SELECTOR, "input[type=file]"), "a file's place"
         )
@@ -71,6 +68,9 @@ def test_hostile_files_are_refused_on_the_page_while_a_calibration_runs(
             FILES[name](tmp_path / name)
             before = points(api, job)
             chosen.send_keys(str(tmp_path / name))
+            ana.fill("Resolution", "0.01")
+            ana.fill("Reference uncertainty", "0.02 of torque")
+            ana.press("Start")
             ana.wait(lambda name=name: _refused(ana, name), f"a refusal of {name}")
             wait_until(lambda before=before: points(api, job) > before, "further points")
         assert ana.problems() == []
@@ -84,11 +84,15 @@ def _refused(ana: Visitor, name: str) -> bool:
 
 def test_a_stop_waits_for_no_table(api: httpx.Client, job: str) -> None:
     """A table that is read is no reason to wait, nor are ten at a time."""
+    handed_in = api.post(
+        "/files",
+        content=SHORT.read_bytes(),
+        headers={"Content-Type": "application/octet-stream"},
+    ).json()
     asked = {
-        "content": SHORT.read_text("utf-8"),
+        "table": handed_in["file"],
         "profile": "staircase",
-        "reference_uncertainty_percent": 0.02,
-        "reference_uncertainty_of": "torque",
+        "reference_uncertainty": "0.02 of torque",
         "resolution_nm": 0.01,
         "performed": "2026-03-02T10:00:00Z",
         "reference_due": "2027-01-31",
@@ -96,7 +100,7 @@ def test_a_stop_waits_for_no_table(api: httpx.Client, job: str) -> None:
     answers: list[tuple[float, int]] = []
 
     def look() -> None:
-        answer = api.post("/tables/preview", json=asked)
+        answer = api.post("/operations/evaluate-static", json=asked)
         answers.append((time.monotonic(), answer.status_code))
 
     crowd = [threading.Thread(target=look) for _ in range(10)]

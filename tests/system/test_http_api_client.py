@@ -138,28 +138,33 @@ def test_exported_points_go_back_in_as_a_table(calibrated: dict[str, Any], max_:
     run_id = calibrated["calibrate"]["run_ids"][0]
     exported = max_.http.get(f"/runs/{run_id}/export").content
     with zipfile.ZipFile(io.BytesIO(exported)) as archive:
-        table = archive.read(f"{run_id}/points.csv").decode()
+        table = archive.read(f"{run_id}/points.csv")
     serial = "A/12 #7?.. 扭矩"
+    handed_in = max_.http.post(
+        "/files",
+        params={"name": "points.csv"},
+        content=table,
+        headers={"Content-Type": "application/octet-stream"},
+    ).json()
     request = {
-        "content": table,
+        "table": handed_in["file"],
         "profile": "rapid-in-situ",
-        "reference_uncertainty_percent": 0.02,
-        "reference_uncertainty_of": "torque",
+        "reference_uncertainty": "0.02 of torque",
         "resolution_nm": 0.01,
         "performed": "2026-03-02T10:00:00Z",
     }
-    seen = max_.post("/tables/preview", **request)
+    seen = max_.run("evaluate-static", **request)
     assert (seen["points"], seen["simulated"], seen["range_nm"]) == (20, True, 2000.0)
-    entered = max_.post(
-        "/tables",
+    entered = max_.run(
+        "records-import",
         **request,
-        transducer_serial=serial,
+        transducer=serial,
         indicator="DMP41",
         measured_by=max_.get("/people")[0],
         reference_serial="R/9",
     )
     found = max_.get("/calibrations", transducer=serial)
-    assert [each["calibration_id"] for each in found] == [entered["calibration_id"]]
+    assert [f"calibration-{each['calibration_id']}" for each in found] == [entered["calibration"]]
     drift = max_.records_drift(serial=serial)
     assert all(len(each["moments"]) == 1 for each in drift["charts"])
 

@@ -25,7 +25,7 @@ checks.positive_data_acceptance.expected-statuses = [
     "2xx", "401", "403", "404", "409", "422", "429", "503"]
 [[operations]]
 include-name = ["POST /users", "PATCH /users/{name}", "GET /runs", "GET /runs/{run_id}/data",
-                "POST /tables", "POST /tables/preview", "POST /queue", "POST /queue/start"]
+                "POST /files", "POST /queue", "POST /queue/start"]
 checks.positive_data_acceptance.expected-statuses = [
     "2xx", "401", "403", "404", "409", "422", "429", "503"]
 [[operations]]

@@ -446,7 +446,7 @@ def test_budget_and_apply_state_the_same_u_under_any_conditions(
     for row in range(count):
         options = [f"{names[name]}={float(rows[name][row])!r}" for name in rows]
         options += ["--steady"] if steady else ["--window=0.02"]
-        options += [f"--branch={branch[row]}", "--age-days=322", "--json"]
+        options += [f"--branch={branch[row]}", "--age=322", "--json"]
         budget = run("budget", "model.json", *options, *zero, cwd=tmp_path)
         assert budget.returncode == 0, budget.stderr
         (told,) = json.loads(budget.stdout)["answer"]["readings"]

@@ -1,5 +1,6 @@
 """Somebody who reads Chinese at the panel: no English sentence is left on the main pages."""
 
+import re
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
@@ -110,24 +111,32 @@ def test_a_table_from_elsewhere_is_looked_at_entered_and_taken_up(
     chosen.send_keys(str(large))
     ana.sees("524288")
     chosen.send_keys(str(wrong))
-    ana.press(CHINESE("external.look"))
+    ana.sees("wrong.csv")
+    for title, value in (
+        ("Resolution", "0.01"),
+        ("Transducer, serial number", "4711"),
+        ("Indicator", "DMP41"),
+        ("Standard, serial number", "R-9"),
+        ("Measured by", "Ana"),
+    ):
+        ana.fill(CHINESE.core(title), value)
+    look = CHINESE.core("Check first")
+    ana.press(look)
     ana.sees("'many'")
-    all_chinese(ana, "external.title")
+    assert ana.english("wrong.csv") == []
     stated = tmp_path / "stated.csv"
     stated.write_text(f"# reference_uncertainty = 0.02\n{TABLE.read_text('utf-8')}", "utf-8")
     chosen.send_keys(str(stated))
-    options = "return [...document.querySelectorAll('select')].map(each => each.value)"
-    ana.wait(lambda: "table" in ana.driver.execute_script(options), "the table's own uncertainty")
-    ana.press(CHINESE("external.look"))
-    all_chinese(ana, "external.circumstances", "external.simulated")
-    for key, value in (
-        ("transducer_serial", "4711"),
-        ("indicator", "DMP41"),
-        ("reference_serial", "R-9"),
-    ):
-        ana.fill(CHINESE(f"external.{key}"), value)
-    ana.press(CHINESE("external.enter"))
-    ana.press(CHINESE("records.take_up", number="").strip())
+    ana.sees("stated.csv")
+    ana.press(look)
+    ana.sees(CHINESE.core("Static evaluation"))
+    ana.sees(CHINESE.core("Clockwise"))
+    assert ana.english() == []
+    ana.press(CHINESE("job.start"))
+    ana.sees("calibration-")
+    entered = re.search(r"calibration-(\d+)", ana.text)
+    assert entered is not None
+    ana.open(f"/calibrations/{entered[1]}")
     all_chinese(ana, "models.before_after", "models.compare")
     assert "100" in ana.text
     ana.press(CHINESE("calibrate.again"))

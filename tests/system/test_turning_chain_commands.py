@@ -18,7 +18,7 @@ from tests.unit.chain.test_turning_chains import (
 )
 
 from torquebench.chain import Reference, load_chain
-from torquebench.cli.evaluate.lubrication import EvaluatedLubrication
+from torquebench.operations.dynamics import EvaluatedLubrication
 from torquebench.units import RAD_S_PER_RPM
 
 RUNS = (12.0, 23.0, 38.0)
@@ -94,7 +94,7 @@ def test_readings_become_torque_whatever_turns_and_warms(folder: Path, fitted: s
     assert verified.returncode == 0, verified.stdout
     page = (folder / "v.html").read_text(encoding="utf-8")
     assert all(each in page for each in ("Speed, temperature and torque", "covered", "budget"))
-    assert "coverage of U" in " ".join(verified.stdout.split())
+    assert "whose error lies within U (k = 2)" in " ".join(verified.stdout.split())
     assert widest_line(verified.stdout) <= 80
 
 

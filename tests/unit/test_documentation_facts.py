@@ -17,11 +17,11 @@ from torquebench.campaign.reducers import sampling
 from torquebench.campaign.reducers.uncertainty import UNCOMPENSATED_SHARE
 from torquebench.cli import whole_command
 from torquebench.dynamics.design import GAIN_OF_BANDWIDTH
-from torquebench.panel import connections, turns
+from torquebench.panel import connections, run_in_process, turns
 from torquebench.panel.api import security, stream
+from torquebench.panel.service import files
 from torquebench.panel.service.access import lease, login_throttle, sessions
 from torquebench.panel.service.live import hub
-from torquebench.panel.service.records import table_import
 from torquebench.panel.service.settings import documents, store
 from torquebench.procedures import guarding
 from torquebench.procedures.reducers.running import EfficiencySettings
@@ -169,9 +169,9 @@ FIGURES = {
         "nothing for two minutes while nothing runs",
         f"Limits are {security.LARGEST_BODY // KIB**2} MiB for a body, "
         f"{documents.LARGEST_UPLOAD // KIB} KiB for an uploaded profile and "
-        f"{table_import.LONGEST_TABLE // KIB} KiB for a calibration table",
-        f"lines of more than {table_import.LONGEST_LINE} characters and tables of more than "
-        f"{table_import.MOST_LINES} lines",
+        f"{files.LARGEST_FILE // KIB} KiB for a file of an operation",
+        f"has {run_in_process.MOST_MB} MB of address space, {run_in_process.MOST_S / 60:.0f} "
+        f"minutes of processor time and a result of {run_in_process.MOST_RESULT_MB} MB at most",
         "Documents deeper than twelve levels",
         f"Limits for a request are {connections.HEAD_S:.0f} s and "
         f"{connections.LARGEST_HEAD // KIB} KiB for its head, and {security.BODY_S:.0f} s for its",

@@ -6,14 +6,13 @@ import json
 import secrets
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 from torquebench.atomic_write import private_folder
 from torquebench.calibration import CalibrationData, Profile
 from torquebench.campaign.registering import FittedFile, register_calibration
 from torquebench.chain import Reference
-from torquebench.compensation import StoredModel, load_model, save_model
+from torquebench.compensation import StoredModel, save_model
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records import (
@@ -24,10 +23,8 @@ from torquebench.records import (
     Report,
     RunFolder,
     json_text,
-    sha256_of_file,
 )
 from torquebench.records.signatures import Signature
-from torquebench.tables import table_text
 from torquebench.uncertainty import CertifiedUncertainty
 from torquebench.validation import refuse_future
 
@@ -85,15 +82,16 @@ class RegisteredTable:
 
 def register_table(
     registry: Registry,
-    table: Path,
+    table: str,
     data: CalibrationData,
     profile: Profile,
     circumstances: ExternalCalibration,
     *,
     operator: str,
     signature: Signature | None = None,
-    model: Path | None = None,
-    called: str = "",
+    model: StoredModel | None = None,
+    called: str = "table.csv",
+    sha256: str,
 ) -> RegisteredTable:
     """Register a table with its equipment, so that certificates and exports work as for a run.
 
@@ -102,8 +100,8 @@ def register_table(
     Parameters
     ----------
     registry : Registry
-    table : pathlib.Path
-        Its file.
+    table : str
+        Its text.
     data : CalibrationData
         Points of the table, with nominal torques.
     profile : Profile
@@ -113,11 +111,12 @@ def register_table(
         Person who enters the table.
     signature : Signature, optional
         How that person was authenticated; typed on this computer by default.
-    model : pathlib.Path, optional
-        File of a compensation model for these points; a copy is kept, with the day of the
-        calibration.
+    model : StoredModel, optional
+        A compensation model for these points, which is kept with the day of the calibration.
     called : str, optional
-        Name of the table in records; its file's name by default.
+        Name of the table in records.
+    sha256 : str
+        Hash of the table's file.
 
     Raises
     ------
@@ -125,7 +124,6 @@ def register_table(
         A name is missing, or these points are already registered.
     """
     check_circumstances(circumstances)
-    called = called or table.name
     serial = circumstances.transducer.serial
     for entry in registry.calibrations(serial):
         if entry.data_sha256 == data.sha256():
@@ -141,11 +139,11 @@ def register_table(
     data = replace(data, measured_on=circumstances.performed.date())
     stored = None if model is None else _fitting_model(model, data)
     metadata = _metadata(profile, circumstances, data, operator, signature or Signature.typed())
-    metadata |= {"table": called, "table_sha256": sha256_of_file(table)}
+    metadata |= {"table": called, "table_sha256": sha256}
     writer = RunFolder.create(registry.root / "runs", metadata, kind=KIND)
     with writer:
         _documents(writer, profile, circumstances)
-        writer.write_file("table.csv", table_text(table, called=called))
+        writer.write_file("table.csv", table)
         writer.write_results(
             {
                 "data": replace(data, reference=None),  # the metadata contain the standard
@@ -202,13 +200,12 @@ def check_circumstances(circumstances: ExternalCalibration) -> None:
             )
 
 
-def _fitting_model(file: Path, data: CalibrationData) -> StoredModel:
+def _fitting_model(stored: StoredModel, data: CalibrationData) -> StoredModel:
     """Return a model for these points, with the day of their measurement as its calibration's."""
-    stored = load_model(file)
     provenance = stored.provenance
     if abs(provenance.range_nm - data.range_nm) > 1e-6 * data.range_nm:
         raise InputError(
-            Message("model {name} is for ±{range:g} N·m", file, provenance.range_nm),
+            Message("a model for ±{range:g} N·m", provenance.range_nm),
             Message("a model for ±{range:g} N·m, the table's range", data.range_nm),
         )
     return replace(stored, provenance=replace(provenance, calibrated_on=str(data.measured_on)))

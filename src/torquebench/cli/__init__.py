@@ -35,12 +35,12 @@ COMMANDS: Mapping[str, str] = {
     "zero": "",
     "check": "",
     "certificate": "",
-    "fit": "models.commands:fit",
-    "apply": "models.commands:apply",
-    "verify": "models.commands:verify",
+    "fit": "",
+    "apply": "",
+    "verify": "",
     "verification": "",
-    "export": "models.files:export",
-    "budget": "models.files:budget",
+    "export": "",
+    "budget": "",
     "measure": "measure:measure",
     "record": "",
     "turn": "",
@@ -54,7 +54,7 @@ COMMANDS: Mapping[str, str] = {
     "standard-reducer": "",
     "mechanics": "mechanics:app",
     "records": "records.commands:app",
-    "evaluate": "evaluate.commands:app",
+    "evaluate": "evaluate:app",
 }
 """Module and attribute of each command, in the help's order; empty for an operation."""
 WRAPPED: Mapping[str, str] = {"certificate": "certificate:with_check"}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from torquebench.bench.prompts import PromptQueue, QueuedOperator
 from torquebench.campaign.measuring import OnPause, RunAbortedError
-from torquebench.cli.models.compiling import telling_compilation
+from torquebench.cli.compiling import telling_compilation
 from torquebench.cli.recovered import tell_recovered, tell_warnings
 from torquebench.cli.terminal.console import note, say, stderr_console
 from torquebench.cli.terminal.interrupts import BenchInterrupts

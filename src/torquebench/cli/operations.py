@@ -127,9 +127,13 @@ def _options(asked: Parameter) -> Iterator[inspect.Parameter]:
 def _option(asked: Parameter) -> inspect.Parameter:
     """Return a field other than a flag as an option, whose value the request validates."""
     kind: Any = str if asked.numbered else TYPES.get(asked.kind, str)
-    metavar = {"number": "<float>", "whole": "<int>", "text": "<str>", "path": "<path>"}.get(
-        asked.kind
-    )
+    metavar = {
+        "number": "<float>",
+        "whole": "<int>",
+        "text": "<str>",
+        "path": "<path>",
+        "day": "<day>",
+    }.get(asked.kind)
     words = asked.help
     stated = re.search(rf"(?<!\w){re.escape(asked.unit)}(?!\w)", words)
     unit = "" if stated else asked.unit
@@ -164,10 +168,7 @@ def _option(asked: Parameter) -> inspect.Parameter:
     if asked.argument:
         made = typer.Argument(**details | {"metavar": asked.option[2:].upper()})
     else:
-        option = asked.option
-        if several and option.endswith("s"):  # each option has one value
-            option = option.removesuffix("s")
-        made = typer.Option(option, **details)
+        made = typer.Option(asked.option, **details)
     return _parameter(asked.name, Annotated[kind, made], default)
 
 
@@ -210,15 +211,21 @@ def validated_request(operation: Operation, values: Mapping[str, Any]) -> Reques
 
     request = validated(operation.request, values, operation.name)
     library = PackagedLibrary()
+    read: list[Path] = []
+    written: list[tuple[Path, tuple[str, ...]]] = []
     for each in parameters(operation.request):
         name = getattr(request, each.name)
+        if each.kind == "path" and not each.output and name is not None:
+            read += [name] if isinstance(name, Path) else name
         if name is not None and each.output == ("folder",):
             check_output_folder(name)
         elif name is not None and each.output:
-            check_output(name, endings=each.output)
+            written.append((name, each.output))
         kind = each.names.partition(":")[0]
         if kind in ("profiles", "reducers") and name is not None:
             (library.profile if kind == "profiles" else library.reducer)(name)
+    for path, endings in written:
+        check_output(path, *read, endings=endings)
     return request
 
 
@@ -390,7 +397,7 @@ def _records_place(operation: Operation, data: Path, by: str) -> Iterator[Place]
         return
     from torquebench.records import Registry
 
-    folder = data_directory(data)
+    folder = data if operation.begins else data_directory(data)
     with contextlib.ExitStack() as opened:
         if not operation.exclusive:
             registry = opened.enter_context(Registry.open(folder))

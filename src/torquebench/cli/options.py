@@ -8,17 +8,14 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.markup import escape
 
 from torquebench.atomic_write import is_standard_output
 from torquebench.cli.terminal.console import (
     claim_file,
     leave_standard_output,
-    say,
-    warn,
 )
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -27,24 +24,17 @@ if TYPE_CHECKING:
     from torquebench.bench import BenchDescription
     from torquebench.chain import Timebase
     from torquebench.panel.address import Address
-    from torquebench.tables import Conversion, Understood
-    from torquebench.uncertainty import CertifiedUncertainty
 
 __all__ = [
     "CSV_ENDINGS",
     "AddressOptions",
     "BenchOption",
-    "ColumnOption",
     "CounterOptions",
     "DataOption",
     "Module",
     "ModuleArgument",
-    "RangeOption",
     "RealTimeOption",
     "RecordsOption",
-    "ReferenceOption",
-    "TableOptions",
-    "WithoutOption",
     "YesOption",
     "bench_description",
     "check_output",
@@ -56,8 +46,6 @@ __all__ = [
     "named_values",
     "numbered",
     "performed_at",
-    "stated_reference",
-    "tell_columns",
 ]
 
 HELP_MARKUP: Literal["markdown"] = "markdown"
@@ -91,41 +79,10 @@ BenchOption = Annotated[
     Path | None,
     typer.Option("--bench", help="Bench description; without it the simulated bench."),
 ]
-ColumnOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--column",
-        help="Assigns a header to a quantity, as in reading=Drehmoment[Nm]; a minus sign before "
-        "the header reverses the sign. May be repeated.",
-    ),
-]
-RangeOption = Annotated[
-    float | None, typer.Option("--range", help="Full scale in N·m, the reference of % FS.")
-]
 RecordsOption = Annotated[
     Path | None,
     typer.Option(
         help="Folder of the records; without it, records of simulated runs are discarded."
-    ),
-]
-ReferenceOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="U|FILE",
-        help=(
-            "U (k = 2) of the reference standard, instead of the one stated in a file: in % "
-            "as `0.02 of torque` or `0.02 of range`, or the file of its certificate: a "
-            "digital one (XML) or a table with torque_nm and expanded_uncertainty_nm."
-        ),
-    ),
-]
-WithoutOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--without",
-        metavar="EFFECT",
-        help="Don't correct hysteresis, temperature, rotation, inertia or ripple: U contains it "
-        "instead. May be repeated.",
     ),
 ]
 YesOption = Annotated[
@@ -164,48 +121,6 @@ class CounterOptions:
         if not self.accept_counter:
             return None
         return Timebase("accepted by its name", self.accept_counter, self.clock_tolerance_ppm)
-
-
-@dataclass(frozen=True)
-class TableOptions:
-    """The options of every command that reads a table of torques."""
-
-    column: ColumnOption = None
-    sensitivity: Annotated[
-        str | None,
-        typer.Option(
-            metavar="SIGNAL at TORQUE",
-            help="Sensitivity of readings in mV/V, V, mA, Hz or counts: `2.0015 mV/V at 500 Nm`, "
-            "`50 Nm per V`, or two points, `10 kHz at 0 Nm; 15 kHz at 500 Nm`.",
-        ),
-    ] = None
-    arm: Annotated[
-        str | None,
-        typer.Option(metavar="LENGTH", help="Lever arm of forces and masses, as 0.5m or 20in."),
-    ] = None
-    gravity: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M/S²", help="Local acceleration of free fall for masses; 9.80665 by default."
-        ),
-    ] = None
-
-    def conversion(self) -> Conversion:
-        """Check these options, and return the conversion that they define."""
-        from torquebench.tables import Conversion
-
-        return Conversion.of_options(self.sensitivity, self.arm, self.gravity)
-
-
-def tell_columns(
-    understood: Understood, notes: Sequence[str] = (), file: str = ""
-) -> list[dict[str, Any]]:
-    """Say what was passed over and how columns were understood; return them as JSON has them."""
-    for note in dict.fromkeys(notes):
-        warn(f"{file}: {note}" if file else note)
-    if sentence := understood.sentence():
-        say(f"[dim]{escape(f'{file}: ' * bool(file) + sentence)}[/dim]")
-    return understood.described()
 
 
 @dataclass(frozen=True)
@@ -424,19 +339,12 @@ def moment_in_utc(text: str) -> datetime:
 
 def day_or_time(text: str) -> date:
     """Parse an option as a day, or as a time if it contains one."""
-    text = text.strip()
+    from torquebench.operations.readings import day_or_time as parsed
+
     try:
-        try:
-            return date.fromisoformat(text)
-        except ValueError:
-            moment = datetime.fromisoformat(text)
-            moment.astimezone(UTC)
-            return moment
-    except (ValueError, OverflowError) as error:
-        raise typer.BadParameter(
-            f"{text!r}; allowed: a day such as 2026-01-31, or 2026-01-31T14:05 (local time), "
-            "or 2026-01-31T14:05+01:00"
-        ) from error
+        return parsed(text)
+    except ValueError as error:
+        raise typer.BadParameter(f"{text!r}; allowed: {error}") from error
 
 
 def performed_at(given: date | None) -> datetime:
@@ -452,26 +360,3 @@ def performed_at(given: date | None) -> datetime:
     from torquebench.validation import past_moment
 
     return past_moment(given)
-
-
-def stated_reference(
-    stated: str | None, range_nm: float, side: str = "", *, option: str = "--reference"
-) -> CertifiedUncertainty | None:
-    """Return a standard's U as a function of torque, by `ReferenceOption`; None without it."""
-    if stated is None:
-        return None
-    from torquebench.bench.certificates.torque import read_uncertainty
-    from torquebench.uncertainty import CertifiedUncertainty
-
-    try:
-        float(stated.partition(" of ")[0].rstrip("% "))
-    except ValueError:
-        return read_uncertainty(stated, side)
-    try:
-        return CertifiedUncertainty.of_words(stated, range_nm)
-    except InputError as error:
-        raise InputError(
-            Message("{option}: {error}", option, error.found),
-            error.allowed,
-            error.remedy,
-        ) from error

@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import field as data_field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -608,8 +609,8 @@ class EvaluatedTable(Result):
     """The reducer's description, None without one."""
     evaluated: Any = data_field(metadata=HIDDEN)
     """Result of the evaluation, of `torquebench.reducers`."""
-    figures: Any = data_field(metadata=HIDDEN)
-    """Draws its figures."""
+    request: Any = data_field(metadata=HIDDEN)
+    """The request, which draws the figures."""
     conversions: str = data_field(metadata=HIDDEN)
     """How `columns` with foreign names or units were converted, in words; empty without any."""
 
@@ -628,7 +629,7 @@ class EvaluatedTable(Result):
             self.evaluated,
             self.quantities,
             self.reducer,
-            self.figures,
+            partial(self.request.figures, self.evaluated),
             conversions=self.conversions,
         )
 
@@ -670,7 +671,7 @@ def run_evaluation(place: Place, request: TableEvaluation, _progress: Progress) 
             problem.found,
             problem.allowed,
             problem.remedy,
-            lambda: open_loop_page(source, loop, why),
+            partial(open_loop_page, source, loop, why),
         ) from None
     except InputError as problem:
         if not request.keep_outliers:
@@ -707,7 +708,7 @@ def run_evaluation(place: Place, request: TableEvaluation, _progress: Progress) 
         findings=findings,
         reducer=reducer,
         evaluated=result,
-        figures=lambda: request.figures(result),
+        request=request,
     )
 
 
@@ -816,6 +817,7 @@ def _operation(name: str, request: type[TableEvaluation]) -> Operation:
         evaluation_title,
         check=check_evaluation,
         where="files",
+        quick=True,
     )
 
 

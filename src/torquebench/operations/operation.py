@@ -198,6 +198,7 @@ def field(
     decision: bool = False,
     local: bool = False,
     output: tuple[str, ...] = (),
+    file: bool = False,
     examples: tuple[Any, ...] = (),
     **limits: Any,
 ) -> Any:
@@ -228,13 +229,15 @@ def field(
         Whether only the command has the field: a file on this computer, or a typed name.
     output : tuple of str
         Suffixes of an output file, or "folder".
+    file : bool
+        Whether a text may also be the path of a file.
     examples : tuple
     **limits
         Limits of `pydantic.Field`, such as `ge` and `max_length`.
     """
     extra: Any = {"title": title, "unit": unit, "argument": argument, "expert": expert}
     extra |= {"choices": choices, "role": role, "decision": decision, "local": local}
-    extra["output"] = list(output)
+    extra["output"], extra["file"] = list(output), file
     extra["titles"] = dict(titles or {})
     return Field(
         description=help, examples=list(examples) or None, json_schema_extra=extra, **limits
@@ -297,7 +300,7 @@ class Parameter:
     Parameters
     ----------
     name, title, help, unit : str
-    kind : {"number", "whole", "flag", "choice", "path", "text", "record", "values"}
+    kind : {"number", "whole", "flag", "choice", "path", "day", "text", "record", "values"}
         "record" is a nested model with fields; "values" are names with values.
     default : object
         Default value; None without one.
@@ -307,7 +310,7 @@ class Parameter:
     low, high : float or None
         Limits of a number; with `above`, the lower limit itself isn't allowed.
     argument, expert : bool
-    names, titles, role, decision, local, output
+    names, titles, role, decision, local, output, file
         See `field`.
     record : type of BaseModel or None
     numbered : str
@@ -318,7 +321,7 @@ class Parameter:
     title: str
     help: str
     unit: str
-    kind: Literal["number", "whole", "flag", "choice", "path", "text", "record", "values"]
+    kind: Literal["number", "whole", "flag", "choice", "path", "day", "text", "record", "values"]
     default: Any
     required: bool
     several: bool = False
@@ -338,17 +341,20 @@ class Parameter:
     decision: bool = False
     local: bool = False
     output: tuple[str, ...] = ()
+    file: bool = False
 
     @property
     def option(self) -> str:
-        """Name of the command's option: without the unit, which the help states.
+        """Name of the command's option, for one value: without the unit, which the help states.
 
         Examples
         --------
         >>> parameters(MountedRequest)[0].option
         '--mounting'
         """
-        return "--" + name_without_unit(self.name).replace("_", "-")
+        name = name_without_unit(self.name).replace("_", "-")
+        each = self.several or self.kind in ("record", "values")
+        return "--" + (name.removesuffix("s") if each else name)
 
     @property
     def limits(self) -> str:
@@ -364,10 +370,11 @@ class Parameter:
 
 
 def parameters(model: type[BaseModel]) -> tuple[Parameter, ...]:
-    """Return the fields of a request in order, those of its base classes last."""
+    """Return the fields of a request: arguments first, then in order, base classes last."""
     own = [name for name in model.model_fields if name in model.__annotations__]
     names = dict.fromkeys([*own, *model.model_fields])
-    return tuple(_parameter(name, model.model_fields[name]) for name in names)
+    found = [_parameter(name, model.model_fields[name]) for name in names]
+    return tuple(sorted(found, key=lambda each: not each.argument))
 
 
 def _parameter(name: str, info: FieldInfo) -> Parameter:
@@ -407,6 +414,7 @@ def _parameter(name: str, info: FieldInfo) -> Parameter:
         decision=bool(extra.get("decision")),
         local=bool(extra.get("local")),
         output=tuple(extra.get("output") or ()),  # type: ignore[arg-type]  # as `field` has it
+        file=bool(extra.get("file")),
         record=kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None,
         numbered=next((each.record for each in details if isinstance(each, Numbered)), ""),
     )
@@ -425,7 +433,8 @@ def _kind(kind: Any) -> Any:
         return "values"
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         return "record"
-    return {bool: "flag", int: "whole", float: "number", Path: "path"}.get(kind, "text")
+    kinds = {bool: "flag", int: "whole", float: "number", Path: "path", date: "day"}
+    return kinds.get(kind, "text")
 
 
 def _reduced(annotation: Any) -> tuple[Any, list[Any], bool]:
@@ -500,6 +509,10 @@ class Operation:
         Whether it may change the active models.
     can_pause, can_finish : bool
         Whether it can be paused, and whether a person can finish it early.
+    begins : bool
+        Whether the command makes a registry where none exists.
+    trial : str
+        Operation that shows what this one would enter; it takes the same fields.
     """
 
     name: str
@@ -521,6 +534,8 @@ class Operation:
     activates: bool = False
     can_pause: bool = False
     can_finish: bool = False
+    begins: bool = False
+    trial: str = ""
 
     def doubts(self, place: Place, request: Any) -> tuple[str, ...]:
         """Raise an error for an impossible request, or return doubts about the result."""
@@ -536,7 +551,7 @@ class Operation:
     @property
     def served(self) -> bool:
         """Whether panel and API offer it."""
-        return self.where != "files" and not self.local
+        return not self.local
 
     @property
     def local_fields(self) -> tuple[str, ...]:

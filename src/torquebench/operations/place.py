@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from threading import Event
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
@@ -119,6 +119,8 @@ class Place:
         Returns whether a person has aborted the operation.
     may : callable
         Returns whether the person has a role.
+    people : callable
+        Returns the names of people with an account, who belong to the laboratory.
     """
 
     operator: str
@@ -132,6 +134,7 @@ class Place:
     finishing: Event = field(default_factory=Event)
     cancelled: Callable[[], bool] = lambda: False
     may: Callable[[Role], bool] = lambda _role: True
+    people: Callable[[], Iterable[str]] = tuple
 
     def check(self) -> None:
         """Raise `EndedError` if an abort was requested."""

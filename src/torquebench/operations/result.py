@@ -104,6 +104,9 @@ class ExplainedError(InputError):
         super().__init__(found, allowed, remedy)
         self.page = page
 
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        return (type(self), (self.found, self.allowed, self.remedy, self.page))
+
 
 def _stated(value: Any, unit: str) -> str:
     if value is None or value == "":

@@ -6,12 +6,14 @@ import multiprocessing
 import os
 from collections.abc import Callable
 from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
+from pathlib import Path
 from typing import Any, TypeVar
 
-from torquebench.errors import BenchError, TorquebenchError
+from torquebench.errors import BenchError, InputError, TorquebenchError
 from torquebench.message import Message
 from torquebench.operations import EndedError
-from torquebench.processes import end_with_parent
+from torquebench.processes import end_with_parent, limit_process
 from torquebench.progress import NO_PROGRESS, NoProgress, Progress
 
 __all__ = ["run_in_process"]
@@ -19,6 +21,8 @@ __all__ = ["run_in_process"]
 Result = TypeVar("Result")
 POLL_INTERVAL_S = 0.2
 NICE = 5
+MOST_MB, MOST_S, MOST_RESULT_MB = 4096, 900.0, 32
+"""Address space, processor time and result of a computation with foreign files."""
 
 
 def run_in_process(
@@ -26,6 +30,7 @@ def run_in_process(
     *arguments: Any,
     progress: Progress = NO_PROGRESS,
     cancelled: Callable[[], bool] = lambda: False,
+    folder: Path | None = None,
 ) -> Result:
     """Call a function in a separate process and wait for its result.
 
@@ -39,6 +44,8 @@ def run_in_process(
         Receives the function's progress.
     cancelled : callable
         Called every 0.2 s; True ends the process.
+    folder : path, optional
+        The process's working directory, with foreign files: memory and processor time are limited.
 
     Raises
     ------
@@ -52,7 +59,10 @@ def run_in_process(
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
     process = context.Process(
-        target=_work, args=(there, function, arguments), name="torquebench-computation", daemon=True
+        target=_work,
+        args=(there, function, arguments, folder),
+        name="torquebench-computation",
+        daemon=True,
     )
     process.start()
     there.close()
@@ -91,13 +101,25 @@ class _Sent(NoProgress):
         self._pipe.send(("progress", (done, detail)))
 
 
-def _work(pipe: Connection, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+def _work(
+    pipe: Connection, function: Callable[..., Any], arguments: tuple[Any, ...], folder: Path | None
+) -> None:
     end_with_parent()
+    if folder is not None:
+        os.chdir(folder)
+        limit_process(MOST_MB, MOST_S)
     if hasattr(os, "setpriority"):
         os.setpriority(os.PRIO_PROCESS, 0, NICE)  # the bench's priority is inherited
     try:
         found = function(*arguments, _Sent(pipe))
-        pipe.send(("done", found))
+        content = ForkingPickler.dumps(("done", found))
+        if folder is not None and len(content) > MOST_RESULT_MB << 20:
+            raise InputError(
+                Message("a result of {size} MB", len(content) >> 20),
+                Message("at most {size} MB", MOST_RESULT_MB),
+                "evaluate a larger file by the command line",
+            )
+        pipe.send_bytes(content)
     except TorquebenchError as error:
         pipe.send(("failed", error))
     except Exception as error:

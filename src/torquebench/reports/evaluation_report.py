@@ -26,6 +26,7 @@ from torquebench.figures import (
     styled,
     svg_text,
 )
+from torquebench.message import Message
 from torquebench.reducers import (
     FrictionResult,
     LoopFeatures,
@@ -82,11 +83,16 @@ def evaluation_page(
     """
     facts = [("Table", source), *[("Columns", conversions)] * bool(conversions)]
     if reducer is not None:
-        rating = f"ratio {reducer.ratio:g}, rated {reducer.rated_torque_nm:g} N·m"
-        facts.append(("Reducer", f"{reducer.name}: {rating}"))
+        rating = Message(
+            "{name}: ratio {ratio:g}, rated {rated:g} N·m",
+            reducer.name,
+            reducer.ratio,
+            reducer.rated_torque_nm,
+        )
+        facts.append(("Reducer", rating))
     findings = [(each.name, each.sentence) for each in getattr(result, "findings", ())]
     return Page(
-        title=f"Evaluation: {test}",
+        title=Message("Evaluation: {test}", test),
         subtitle=source,
         sections=[
             Section("Summary", "", (Facts(facts), *judged_table(quantities))),
@@ -155,6 +161,7 @@ def static_page(
     results: CalibrationResults,
     *,
     with_regression: bool = False,
+    conversions: Sequence[Facts] = (),
 ) -> Page:
     """Return the report of a static calibration in steps.
 
@@ -169,6 +176,8 @@ def static_page(
     results : CalibrationResults
     with_regression : bool
         Whether to include the regression lines.
+    conversions : sequence of Facts
+        How columns with foreign names or units were understood.
     """
     points, torque_nm = results.data, results.torque_nm
     facts = [
@@ -179,9 +188,26 @@ def static_page(
     if points.scale is not None:
         facts.append(("Readings", points.scale.formula))
     if profile is not None:
-        checked = "" if profile.verified else ", not checked against a licensed text"
-        facts.append(("Profile", f"{profile.name} (SHA-256 {profile.sha256[:16]}…{checked})"))
-    facts += [("Remark", each) for each in results.remarks]
+        told = Message("{name} (SHA-256 {hash}…)", profile.name, profile.sha256[:12])
+        if not profile.verified:
+            told = Message("{profile}, not checked against a licensed text", told)
+        facts.append(("Profile", told))
+    for title, zero in (
+        ("Zero hysteresis before compensation", results.zero_before),
+        ("Zero hysteresis after compensation", results.zero_after),
+    ):
+        if zero is not None:
+            facts.append(
+                (
+                    title,
+                    Message(
+                        "{nm:.4g} N·m at worst ({percent:.3g} % FS) over {cycles} cycles",
+                        zero.worst_nm,
+                        zero.worst_percent_fs,
+                        zero.cycles,
+                    ),
+                )
+            )
     name = "reading" if torque_nm is None else "before"
     curves = [Curve(name, points.standard_nm, points.reading_nm - points.standard_nm, raw=True)]
     caption = "Error of every point against the standard."
@@ -190,38 +216,58 @@ def static_page(
         curves.append(
             Curve("after compensation", points.standard_nm, torque_nm - points.standard_nm)
         )
-    figure = Figure(error_figure(curves, points.range_nm), caption)
-    sections = [Section("Calibration", "", (Facts(facts), figure))]
+    figure = Drawings(lambda: [(error_figure(curves, points.range_nm), caption)])
+    sections = [Section("Calibration", "", (Facts(facts), *conversions, figure))]
     sections += [_direction(each) for each in results.directions]
     if with_regression:
         sections.append(Section("Straight lines", "", (Table(*regression_table(results)),)))
-    if deviations:
-        rows = [(each.clause, each.found, each.allowed, each.consequence) for each in deviations]
-        table = Table(("clause", "found", "allowed", "certificate"), rows)
-        sections.append(Section("Deviations from the profile", "", (table,)))
+    if profile is not None:
+        named = [
+            fact
+            for each in deviations
+            for fact in (
+                ("refused" if each.consequence == "refuse" else "stated", each.found),
+                ("allowed", each.allowed),
+                ("clause", each.clause),
+            )
+        ]
+        text = "" if named else "no deviation from the profile"
+        heading = "Deviations from the profile, and their consequence for the certificate"
+        sections.append(Section(heading, text, [Facts(named)] * bool(named)))
     return Page("Static evaluation", source, sections, simulated=points.simulated)
+
+
+DIRECTIONS = {"clockwise": "Clockwise", "counter-clockwise": "Counter-clockwise"}
 
 
 def _direction(direction: DirectionResults) -> Section:
     blocks: list[Facts | Table] = []
-    for word, side in (("before", direction.before), ("after", direction.after)):
+    for word, side in (
+        ("Before compensation", direction.before),
+        ("After compensation", direction.after),
+    ):
         if side is None:
             continue
         header, rows = static_quantities(side)
         curve = side.interpolation
-        caption = (
-            f"{word.capitalize()} compensation, % of reading; {residual_zero(side.evaluation)}; "
-            f"{curve.equation} (degree {curve.degree}, N·m); {side.class_words}."
+        caption = Message(
+            "{title}, % of reading; {zero}; {equation} (degree {degree}, N·m); {words}.",
+            word,
+            residual_zero(side.evaluation),
+            curve.equation,
+            curve.degree,
+            side.class_words,
         )
         blocks.append(Table(header, rows, caption))
-    return Section(direction.name.capitalize(), QUANTITIES, blocks)
+    return Section(DIRECTIONS[direction.name], QUANTITIES, blocks)
 
 
 def residual_zero(evaluation: StaticEvaluation) -> str:
     """State the residual zero."""
     zero = evaluation.zero_residual_percent
-    shown = "not measured" if zero is None else f"{zero:.{PERCENT_DIGITS}f} % of the span"
-    return f"f₀ {shown}"
+    if zero is None:
+        return "f₀ not measured"
+    return Message("f₀ {percent} % of the span", f"{zero:.{PERCENT_DIGITS}f}")
 
 
 def static_quantities(side: SideBySide) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

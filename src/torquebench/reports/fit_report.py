@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from torquebench.campaign.results import FitResult
 from torquebench.compensation import Comparison, NetworkModel
 from torquebench.figures import Curve, additional_torque_figure, error_figure
+from torquebench.message import Message
 from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import errors_table, number
 from torquebench.reports.module_report import SOURCES_LIMIT_FS, branch_curves
-from torquebench.reports.page import Facts, Figure, Page, Section, Table
+from torquebench.reports.page import Drawings, Facts, Page, Section, Table
 
 __all__ = ["fit_page"]
 
@@ -30,7 +33,12 @@ def fit_page(result: FitResult) -> Page:
     """
     return Page(
         title="Compensation of a torque measuring chain",
-        subtitle=f"{result.source} · {len(result.data)} points · {result.data.range_nm:g} N·m",
+        subtitle=Message(
+            "{source} · {count} points · {range:g} N·m",
+            result.source,
+            len(result.data),
+            result.data.range_nm,
+        ),
         sections=[
             _data(result),
             *([] if result.comparison is None else [_comparison(result, result.comparison)]),
@@ -44,16 +52,21 @@ def fit_page(result: FitResult) -> Page:
 def _data(result: FitResult) -> Section:
     data = result.data
     noise = result.noise
-    plural = "" if noise is None or noise.degrees_of_freedom == 1 else "s"
     scatter = (
         "no step was repeated"
         if noise is None
-        else f"{number(noise.standard_deviation_nm)} N·m "
-        f"({noise.degrees_of_freedom} degree{plural} of freedom)"
+        else Message(
+            "{scatter} N·m (degrees of freedom: {freedom})",
+            number(noise.standard_deviation_nm),
+            noise.degrees_of_freedom,
+        )
     )
     facts = Facts(
         (
-            ("Points", f"{len(data)} in {len(np.unique(data.series))} series"),
+            (
+                "Points",
+                Message("{count} in {series} series", len(data), len(np.unique(data.series))),
+            ),
             ("Range", f"{data.range_nm:g} N·m"),
             ("Readings", "in N·m" if data.scale is None else data.scale.formula),
             ("Transducer", data.transducer_serial or "not stated"),
@@ -62,17 +75,21 @@ def _data(result: FitResult) -> Section:
             ("Data SHA-256", data.sha256()),
         )
     )
-    curves = branch_curves(result.model, result.title, data.reading_nm)
-    figure = Figure(
-        additional_torque_figure(
-            data.reading_nm, data.additional_torque_nm, data.branch, curves, data.range_nm
-        ),
-        f"Additional torque (standard minus reading) of each point, and the model "
-        f"{result.title!r} fitted to it.",
-    )
-    said = [f"Not plausible: {each}" for each in result.contradictions]
-    remarks = " ".join([*said, *(f"{remark}." for remark in result.remarks)])
-    return Section("Calibration", remarks, (facts, figure))
+
+    def draw() -> Iterator[tuple[str, str]]:
+        curves = branch_curves(result.model, result.title, data.reading_nm)
+        yield (
+            additional_torque_figure(
+                data.reading_nm, data.additional_torque_nm, data.branch, curves, data.range_nm
+            ),
+            Message(
+                "Additional torque (standard minus reading) of each point, and the model "
+                "{title!r} fitted to it.",
+                result.title,
+            ),
+        )
+
+    return Section("Calibration", "", (facts, Drawings(draw)))
 
 
 def _training(result: FitResult) -> list[Section]:
@@ -88,12 +105,13 @@ def _training(result: FitResult) -> list[Section]:
         "RMS of residuals in N·m",
         logarithmic="xy",
     )
-    text = (
-        f"{int(curve[-1, 0])} epochs; the residuals of the points have an RMS of "
-        f"{number(float(curve[-1, 1]))} N·m."
+    text = Message(
+        "{epochs} epochs; the residuals of the points have an RMS of {rms} N·m.",
+        int(curve[-1, 0]),
+        number(float(curve[-1, 1])),
     )
-    figure = Figure(panels_figure([panel]), "Training of the network.")
-    return [Section("Training", text, (Facts(tuple(parameters)), figure))]
+    drawing = Drawings(lambda: [(panels_figure([panel]), "Training of the network.")])
+    return [Section("Training", text, (Facts(tuple(parameters)), drawing))]
 
 
 def _comparison(result: FitResult, comparison: Comparison) -> Section:
@@ -123,12 +141,15 @@ def _comparison(result: FitResult, comparison: Comparison) -> Section:
         "parameters",
         "verdict",
     )
-    caption = (
-        f"Errors at steps that the models weren't fitted to: {comparison.folds} folds, "
-        f"{comparison.points} points in {comparison.steps} steps. The outermost steps always stay "
-        "in, since a model never has to extrapolate."
+    caption = Message(
+        "Errors at steps that the models weren't fitted to: {folds} folds, {points} points in "
+        "{steps} steps. The outermost steps always stay in, since a model never has to "
+        "extrapolate.",
+        comparison.folds,
+        comparison.points,
+        comparison.steps,
     )
-    text = f"Taken: {result.title}. The least error of many is partly luck."
+    text = Message("Taken: {title}. The least error of many is partly luck.", result.title)
     refused = [(name, reason) for name, reason in comparison.refused.items()]
     blocks: list[Table | Facts] = [Table(header, rows, caption, taken)]
     if refused:
@@ -150,10 +171,12 @@ def _before_and_after(result: FitResult) -> Section:
         Curve("raw reading", data.standard_nm, -data.additional_torque_nm, raw=True),
         Curve(result.title, data.standard_nm, residual_nm),
     ]
-    figure = Figure(
-        error_figure(curves, data.range_nm, limit_fs=SOURCES_LIMIT_FS),
+    caption = (
         "Error before compensation (above) and residual after it (below), at the points "
-        "of the fit. Dashed: 0.1 % FS.",
+        "of the fit. Dashed: 0.1 % FS."
+    )
+    drawing = Drawings(
+        lambda: [(error_figure(curves, data.range_nm, limit_fs=SOURCES_LIMIT_FS), caption)]
     )
     text = "The model was fitted to these points: only fresh points can verify it."
-    return Section("Before and after", text, (table, figure))
+    return Section("Before and after", text, (table, drawing))

@@ -12,7 +12,7 @@ from torquebench.chain import Effect, Torque
 from torquebench.figures import Curve
 from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import number
-from torquebench.reports.page import Facts, Figure, Section, Table
+from torquebench.reports.page import Drawings, Facts, Section, Table
 
 __all__ = ["identified_section", "turning_section"]
 
@@ -85,11 +85,11 @@ def turning_section(data: CalibrationData, torque: Torque, tolerance_percent: fl
         for values, label in quantities
         if values is not None
     ]
-    figure = Figure(
-        panels_figure(panels),
+    drawn = (
         f"Errors against {against} over speed, temperature and torque. Dashed: "
-        f"±{tolerance_percent:g} % FS.",
+        f"±{tolerance_percent:g} % FS."
     )
+    figure = Drawings(lambda: [(panels_figure(panels), drawn)])
     header = ("1/min", "°C", "% of range", "points", "RMS, % FS", "worst, % FS", "covered")
     caption = (
         f"Errors against {against} and share of points whose error lies within U (k = 2), by cells "

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from torquebench.calibration import CalibrationData, repeatability
 from torquebench.figures import Curve
+from torquebench.message import Message
 from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import number
-from torquebench.reports.page import Facts, Figure, Page, Section, Table
+from torquebench.reports.page import Drawings, Facts, Page, Section, Table
 
 __all__ = [
     "Verified",
@@ -21,6 +22,13 @@ __all__ = [
     "verification_page",
     "verification_tables",
 ]
+
+
+VERIFICATION_TITLES = {
+    "input": "Verification of the input module",
+    "output": "Verification of the output module",
+}
+SIDE_TITLES = {"input": "Input module", "output": "Output module"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +76,7 @@ def verification_tables(
     for each, error in zip(verified, errors, strict=True):
         worst_nm = float(np.max(np.abs(error)))
         worst, spread = 100.0 * worst_nm / data.range_nm, repeatability(error, data)
-        rule = "" if spread is None else f": {spread.rule}"
+        rule = "" if spread is None else Message(": {rule}", spread.rule)
         verdicts.append(
             [
                 each.title,
@@ -84,24 +92,32 @@ def verification_tables(
     size = len(data) // len(groups)
     return [
         Table(
-            ("group", *(f"{each.title}, N·m" for each in verified)),
+            ("group", *(Message("{title}, N·m", each.title) for each in verified)),
             rows,
-            f"{what}: worst / mean amount of the error in each group of {size} readings, against "
-            "the standard.",
+            Message(
+                "{what}: worst / mean amount of the error in each group of {size} readings, "
+                "against the standard.",
+                what,
+                size,
+            ),
         ),
         Table(
             (
                 "",
                 "worst, N·m",
                 "% FS",
-                f"error {limit}",
+                Message("error {limit}", limit),
                 "repeatability, N·m",
                 "% FS",
-                f"repeatability {limit}",
+                Message("repeatability {limit}", limit),
             ),
             verdicts,
-            f"{what}: worst single reading of all groups, and the largest standard deviation at "
-            f"one place{rule}.",
+            Message(
+                "{what}: worst single reading of all groups, and the largest standard deviation "
+                "at one place{rule}.",
+                what,
+                rule,
+            ),
         ),
     ]
 
@@ -113,7 +129,7 @@ def kept_words(percent: float, tolerance_percent: float) -> str:
 
 def before_after_figure(
     data: CalibrationData, verified: Verified, tolerance_percent: float = 0.1
-) -> Figure:
+) -> Drawings:
     """Draw the errors of the readings before and after compensation by a model."""
     limit = tolerance_percent / 100.0 * data.range_nm
     panel = Panel(
@@ -131,12 +147,16 @@ def before_after_figure(
         limits=(-limit, limit),
         range_nm=data.range_nm,
     )
-    side = f"{data.side.capitalize()} module: errors" if data.side else "Errors"
-    return Figure(
-        panels_figure([panel]),
-        f"{side} of {len(data)} fresh readings before and after {verified.title}, against the "
-        f"verification standard. Dashed: ±{tolerance_percent:g} % FS.",
+    side = SIDE_TITLES.get(data.side, "Readings")
+    caption = Message(
+        "{side}: errors of {count} fresh readings before and after {title}, against the "
+        "verification standard. Dashed: ±{tolerance:g} % FS.",
+        side,
+        len(data),
+        verified.title,
+        tolerance_percent,
     )
+    return Drawings(lambda: [(panels_figure([panel]), caption)])
 
 
 def verification_page(
@@ -157,12 +177,11 @@ def verification_page(
     tolerance_percent : float
     """
     groups = len(np.unique(data.series))
-    what = f"{groups} group{'s' if groups > 1 else ''}"
+    what = Message("{count} groups", groups) if groups > 1 else "1 group"
     figures = [before_after_figure(data, each, tolerance_percent) for each in verified[1:]]
-    side = f" of the {data.side} module" if data.side else ""
     return Page(
-        f"Verification{side}",
-        f"{len(data)} readings in {what}, {data.range_nm:g} N·m",
+        VERIFICATION_TITLES.get(data.side, "Verification"),
+        Message("{count} readings in {what}, {range:g} N·m", len(data), what, data.range_nm),
         [
             Section(
                 "Result",

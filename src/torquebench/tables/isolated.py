@@ -25,6 +25,7 @@ from typing import Any
 
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.processes import limit_process
 
 __all__ = ["Limits", "Stream", "check_cells", "open_isolated"]
 
@@ -367,19 +368,7 @@ def _prepare(package: str, limits: Limits) -> None:
         sys.meta_path.insert(0, _WithoutPandas())
     pa.set_cpu_count(1)
     pa.set_io_thread_count(1)
-    try:
-        import resource
-    except ImportError:  # on Windows, time and cells are limited, but memory isn't
-        return
-    with contextlib.suppress(OSError, ValueError):
-        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-        most = used + (limits.memory_mb << 20)
-        resource.setrlimit(resource.RLIMIT_AS, (most, most))
-    with contextlib.suppress(OSError, ValueError):
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        if limits.cells is not None:
-            seconds = int(limits.seconds) + 5
-            resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+    limit_process(limits.memory_mb, None if limits.cells is None else limits.seconds)
 
 
 if __name__ == "__main__":

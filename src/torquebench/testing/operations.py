@@ -8,7 +8,7 @@ import re
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -39,12 +39,15 @@ class Interfaces:
         Records of the commands.
     command : callable
         Runs a command with its words; returns exit code and JSON.
+    handed : dict of str to str
+        Path of each file that was handed in, by its reference.
     """
 
     service: BenchService
     token: str
     folder: Path
     command: Callable[..., tuple[int, dict[str, Any]]]
+    handed: dict[str, str] = field(default_factory=dict)
 
     @cached_property
     def api(self) -> FastAPI:
@@ -64,11 +67,29 @@ class Interfaces:
 
         return asyncio.run(asked())
 
+    def handed_in(self, file: str) -> str:
+        """Hand in a file, and return its reference."""
+        path = Path(file)
+        reference = self.service.files.add(path.read_bytes(), path.name)
+        self.handed[reference] = file
+        return reference
+
     def over_http(self, name: str, values: dict[str, Any]) -> tuple[dict[str, Any], Any]:
         """Return what the API answers, and the job that it has started."""
         operation = find_operation(name)
         beside = {"password": PASSWORD} if operation.signed else {}
-        answer = self.http("POST", f"/operations/{operation.key}", {**values, **beside})
+        files: dict[str, Any] = {}
+        for parameter in parameters(operation.request):
+            value = values.get(parameter.name)
+            if value is None or parameter.kind != "path" or parameter.local:
+                continue
+            if parameter.output:
+                files[parameter.name] = Path(value).name
+            elif isinstance(value, list):
+                files[parameter.name] = [self.handed_in(each) for each in value]
+            else:
+                files[parameter.name] = self.handed_in(value)
+        answer = self.http("POST", f"/operations/{operation.key}", {**values, **files, **beside})
         if answer.status_code != 202:
             return answer.json(), None
         job = answer.json()
@@ -89,8 +110,6 @@ class Interfaces:
             if value is None or value is False:
                 continue
             several = value if isinstance(value, list) else [value]
-            if isinstance(value, list) and option.endswith("s"):
-                option = option[:-1]
             if parameter.numbered:
                 several = [f"{parameter.numbered}-{each}" for each in several]
             for each in several:
@@ -99,7 +118,9 @@ class Interfaces:
                 ]  # fmt: skip
         if operation.signed or operation.role != "operator":
             words += ["--by", "Olga"]
-        return self.command(*words, "--json", "--data", str(self.folder))
+        if operation.where != "files":
+            words += ["--data", str(self.folder)]
+        return self.command(*words, "--json")
 
 
 def words_of(text: str) -> str:
@@ -197,6 +218,8 @@ class OperationContract:
         problem, _ = interfaces.over_http(name, request)
         said = problem.get("detail") or problem.get("found")
         assert said, problem
+        for reference, file in interfaces.handed.items():
+            said = said.replace(reference, file)
         code, printed = interfaces.by_command(name, request)
         assert code in (1, 2), printed
         found = printed["error"]["found"]

@@ -79,12 +79,20 @@ class Validation:
     def sentence(self) -> str:
         """One sentence for a report: whether the two methods agree, and their difference."""
         unit = f" {self.budget.unit}" if self.budget.unit else ""
-        verdict = "agree" if self.agrees else "do not agree"
-        return (
-            f"GUM and Monte Carlo ({self.monte_carlo.trials} trials) {verdict}: the ends of the "
-            f"{100 * self.monte_carlo.coverage_probability:.4g} % interval differ by "
-            f"{self.low_difference:.2g}{unit} and {self.high_difference:.2g}{unit}, "
-            f"tolerance {self.tolerance:.2g}{unit}"
+        return Message(
+            "GUM and Monte Carlo ({trials} trials) agree: the ends of the {coverage:.4g} % "
+            "interval differ by {low:.2g}{unit} and {high:.2g}{unit}, tolerance {tolerance:.2g}"
+            "{unit}"
+            if self.agrees
+            else "GUM and Monte Carlo ({trials} trials) do not agree: the ends of the "
+            "{coverage:.4g} % interval differ by {low:.2g}{unit} and {high:.2g}{unit}, tolerance "
+            "{tolerance:.2g}{unit}",
+            self.monte_carlo.trials,
+            100 * self.monte_carlo.coverage_probability,
+            self.low_difference,
+            unit,
+            self.high_difference,
+            self.tolerance,
         )
 
 

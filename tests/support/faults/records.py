@@ -18,6 +18,7 @@ from pathlib import Path
 
 from tests.hostile_files import FILES
 from tests.support.faults.judging import Outcome
+from tests.support.uploads import evaluated
 
 from torquebench.calibration import load_profile
 from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
@@ -25,8 +26,7 @@ from torquebench.campaign.finishing import finish_run
 from torquebench.campaign.fitting import ModelChoice
 from torquebench.campaign.registering import evaluate_and_register, registers_calibration
 from torquebench.errors import TorquebenchError
-from torquebench.panel.service import read_table
-from torquebench.panel.service.records.table_import import LONGEST_TABLE
+from torquebench.panel.service.files import LARGEST_FILE
 from torquebench.progress import NoProgress
 from torquebench.records import RunFolder, unfinished_runs
 from torquebench.reports.certificate import Issue, build_record
@@ -59,11 +59,11 @@ def _hostile(name: str) -> bytes:
         path = Path(folder) / name
         FILES[name](path)
         with path.open("rb") as file:
-            return file.read(LONGEST_TABLE + 1)
+            return file.read(LARGEST_FILE + 1)
 
 
 def _upload(name: str) -> Act:
-    return lambda _station: _refusal(lambda: read_table(_hostile(name), name))
+    return lambda _station: _refusal(lambda: evaluated(_hostile(name), name))
 
 
 def _typed_review(station: Station) -> str:

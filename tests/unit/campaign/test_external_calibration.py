@@ -19,11 +19,18 @@ from torquebench.campaign.fitting import store_model
 from torquebench.chain import Reference
 from torquebench.compensation import load_model, make_model
 from torquebench.errors import InputError, RecordError
-from torquebench.records import Equipment, Registry, Report, RunFolder, check_records
+from torquebench.records import (
+    Equipment,
+    Registry,
+    Report,
+    RunFolder,
+    check_records,
+    sha256_of_file,
+)
 from torquebench.reports.certificate import Issue, build_record, run_data
 from torquebench.reports.certificate.record import Party
 from torquebench.reports.certificate.source import Source
-from torquebench.tables import read_calibration, write_calibration
+from torquebench.tables import read_calibration, table_text, write_calibration
 from torquebench.uncertainty import CertifiedUncertainty
 
 PROFILE = load_profile("staircase")
@@ -72,7 +79,14 @@ def enter(
     table = registry.root.parent / "table.csv"
     write_calibration(table, data)
     return register_table(
-        registry, table, data, PROFILE, circumstances, operator="C. Clerk", model=model
+        registry,
+        table_text(table),
+        data,
+        PROFILE,
+        circumstances,
+        operator="C. Clerk",
+        model=None if model is None else load_model(model),
+        sha256=sha256_of_file(table),
     )
 
 
@@ -104,7 +118,15 @@ def test_a_table_is_kept_whatever_its_encoding(
     text = f"# Prüfer = Müller\n{table.read_text(encoding='utf-8')}"
     table.write_text(text, encoding=encoding)
     read = read_calibration(table)
-    entered = register_table(registry, table, read, PROFILE, CIRCUMSTANCES, operator="C. Clerk")
+    entered = register_table(
+        registry,
+        table_text(table),
+        read,
+        PROFILE,
+        CIRCUMSTANCES,
+        operator="C. Clerk",
+        sha256=sha256_of_file(table),
+    )
     folder = RunFolder.open(registry.run(entered.run_id).folder)
     assert (folder.path / "table.csv").read_text(encoding="utf-8") == text
     folder.verify()

@@ -1,20 +1,23 @@
 """Parameters of a model as text."""
 
+import json
+
 import pytest
 
-from torquebench.cli.models.parameters import model_parameters
-from torquebench.errors import InputError
+from torquebench import cli
+from torquebench.cli.operations import _entered
+from torquebench.operations import OPERATIONS, parameters
 
 
 def test_values_become_numbers_and_words() -> None:
     given = ["epochs=300", "learning_rate = 5e-3", "mapping=direct", "target_error_nm=none"]
-    assert model_parameters("published-network", given) == {
+    asked = {each.name: each for each in parameters(OPERATIONS["fit"].request)}
+    assert _entered(asked, {"parameters": given})["parameters"] == {
         "epochs": 300,
         "learning_rate": 0.005,
         "mapping": "direct",
         "target_error_nm": None,
     }
-    assert model_parameters("hybrid", None) == {}
 
 
 @pytest.mark.parametrize(
@@ -27,9 +30,20 @@ def test_values_become_numbers_and_words() -> None:
         (["epochs=0"], "epochs"),
         (["epochs=many"], "epochs"),
         (["mapping=sideways"], "mapping"),
-        (["range_nm=3"], "--range"),
+        (["range_nm=3"], "range_nm"),
     ],
 )
-def test_bad_parameters_are_named(given: list[str], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        model_parameters("published-network", given)
+def test_bad_parameters_are_named(
+    given: list[str],
+    message: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = [part for each in given for part in ("--parameter", each)]
+    arguments = ["fit", "none.csv", "--model", "published-network", *words, "--json"]
+    monkeypatch.setattr("sys.argv", ["torquebench", *arguments])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 2
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert message in " ".join(error.values())

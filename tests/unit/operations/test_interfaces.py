@@ -6,13 +6,24 @@ from typing import Any
 
 import pytest
 
-from torquebench.operations import OPERATIONS
+from torquebench.operations import OPERATIONS, PackagedLibrary, Place
 from torquebench.panel.service import Actor, BenchService
+from torquebench.progress import NO_PROGRESS
 from torquebench.testing.operations import Interfaces, OperationContract
 
 CHIEF = Actor("Chief", "administrator", "chief")
 ANA = Actor("ana", "metrologist", "client-1", "client")
 QUICK = {"side": "input", "step_percent": 50.0, "models": ["polynomial-2"]}
+FOREIGN = ("hysteresis", "friction", "no-load", "transmission-error", "efficiency")
+EXAMPLES = Path(__file__).parents[3] / "examples"
+READINGS = str(EXAMPLES / "readings-output.csv")
+STATIC = {
+    "table": str(EXAMPLES / "calibration-output.csv"),
+    "resolution_nm": 0.01,
+    "reference_uncertainty": "0.02 of torque",
+}
+MODEL = "model.json"
+"""A model file that is fitted first."""
 POSSIBLE: dict[str, dict[str, Any]] = {
     "zero": {},
     "calibrate": QUICK,
@@ -28,6 +39,22 @@ POSSIBLE: dict[str, dict[str, Any]] = {
     "standard-reducer": {"repeats": 2},
     "record": {"name": "noise", "duration_s": 1.0},
     "certificate": {"calibration": "calibration-1", "languages": ["de"]},
+    "fit": {"tables": [STATIC["table"]], "model": "polynomial-2", "out": "fitted.json"},
+    "apply": {"model": MODEL, "readings": READINGS, "out": "torque.csv"},
+    "verify": {"model": MODEL, "table": str(EXAMPLES / "verification-output.csv")},
+    "export": {"model": MODEL, "out": "table.h"},
+    "budget": {"model": MODEL, "readings_nm": [100.0, -50.0], "reference": "0.02 of torque"},
+    "evaluate static": STATIC,
+    "evaluate hysteresis": {
+        "data": [str(EXAMPLES / "loops-rv-40e.csv")],
+        "reducer": "rv-40e",
+    },
+    "records import": {
+        **STATIC,
+        "profile": "check",
+        "measured_by": "Chief",
+        "reference_serial": "R-9",
+    },
     "records compare": {"first": "calibration-1", "second": "calibration-2"},
     "records drift": {"serial": "SIM-T50"},
     "records compare-models": {"calibration": 1},
@@ -49,6 +76,17 @@ REFUSED: dict[str, dict[str, Any]] = {
     "record": {"name": ""},
     "turn": {"side": "input", "profile": "none"},
     "certificate": {"calibration": "calibration-99"},
+    "fit": {"tables": [READINGS]},
+    "apply": {"model": READINGS, "readings": READINGS, "out": "torque.csv"},
+    "verify": {"model": MODEL, "table": READINGS},
+    "export": {"model": READINGS, "out": "table.h"},
+    "budget": {"model": MODEL, "readings_nm": [1e9]},
+    "evaluate static": {**STATIC, "reference_uncertainty": "20 of torque"},
+    **{f"evaluate {name}": {"data": [READINGS]} for name in FOREIGN},
+    "evaluate breakaway": {"data": [READINGS], "kind": "sideways"},
+    "evaluate dynamics": {"runs": [READINGS], "out": "filter.json"},
+    "evaluate lubrication": {"run": READINGS, "model": READINGS, "out": "chain.json"},
+    "records import": {**STATIC, "performed": "2099-01-01"},
     "records compare": {"first": "calibration-1", "second": "calibration-99"},
     "records drift": {"serial": "X-1"},
     "records compare-models": {"calibration": 99},
@@ -77,14 +115,29 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
             while service.jobs.busy:
                 time.sleep(0.05)
             assert service.jobs.get(job.job_id).state == "done"
-    (folder / "laboratory.toml").write_text('[policy]\nunreviewed = "state"\n', encoding="utf-8")
+    (folder / "laboratory.toml").write_text(
+        '[policy]\nunreviewed = "state"\n[laboratory]\nname = "Lab"\n'
+        'city = "Ulm"\ncountry = "DE"\npeople = ["Chief"]\n',
+        encoding="utf-8",
+    )
+    fit = OPERATIONS["fit"]
+    request = {**POSSIBLE["fit"], "out": folder / MODEL}
+    place = Place("", PackagedLibrary())
+    fit.run(place, fit.request.model_validate(request), NO_PROGRESS)
     return folder
+
+
+def _placed(values: dict[str, Any], records: Path, folder: Path) -> dict[str, Any]:
+    """Return a request with the model's path, and a path of the file to be written."""
+    if values.get("model") == MODEL:
+        values = {**values, "model": str(records / MODEL)}
+    return {**values, "out": str(folder / values["out"])} if "out" in values else values
 
 
 class TestOperations(OperationContract):
     @pytest.fixture(params=POSSIBLE)
     def possible_request(
-        self, request: pytest.FixtureRequest, interfaces: Interfaces
+        self, request: pytest.FixtureRequest, interfaces: Interfaces, tmp_path: Path
     ) -> tuple[str, dict[str, Any]]:
         runs = interfaces.service.station.registry.runs()
         names = [run.run_id for run in runs if run.kind.startswith("test-")]
@@ -92,12 +145,14 @@ class TestOperations(OperationContract):
         values = POSSIBLE[request.param]
         return request.param, {
             name: [specimens.get(each, each) for each in value] if name == "runs" else value
-            for name, value in values.items()
+            for name, value in _placed(values, interfaces.folder, tmp_path).items()
         }
 
     @pytest.fixture(params=REFUSED)
-    def refused_request(self, request: pytest.FixtureRequest) -> tuple[str, dict[str, Any]]:
-        return request.param, REFUSED[request.param]
+    def refused_request(
+        self, request: pytest.FixtureRequest, interfaces: Interfaces, tmp_path: Path
+    ) -> tuple[str, dict[str, Any]]:
+        return request.param, _placed(REFUSED[request.param], interfaces.folder, tmp_path)
 
     @pytest.fixture
     def recorded(self, measured: Path) -> Path:

@@ -1,15 +1,12 @@
 """Reports of evaluated tables, and what every report keeps to: columns, maps, counts."""
 
-import io
 from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from torquebench.calibration import summarise_errors
 from torquebench.campaign.reducers.quantities import result_quantities
-from torquebench.cli.tables import error_blocks
 from torquebench.cli.terminal.page import print_page
 from torquebench.operations.evaluating import Friction, Hysteresis
 from torquebench.reducers import (
@@ -21,6 +18,7 @@ from torquebench.reducers import (
     evaluate_hysteresis,
     evaluate_no_load,
 )
+from torquebench.reports.errors_table import errors_table
 from torquebench.reports.evaluation_report import evaluation_page, open_loop_page
 from torquebench.reports.page import Page, Section, Table, render_page
 from torquebench.reports.page_pdf import write_report
@@ -168,19 +166,13 @@ def test_a_column_of_sentences_wraps_and_numbers_do_not() -> None:
     assert "<td>0.1</td>" in text
 
 
-def printed(parts: object) -> str:
-    console = Console(file=io.StringIO(), width=80)
-    for part in parts:  # type: ignore[attr-defined] # any iterable of renderables
-        console.print(part)
-    return console.file.getvalue()  # type: ignore[attr-defined]
-
-
-def test_numbers_in_columns_keep_a_space() -> None:
+def test_numbers_in_columns_keep_a_space(capsys: pytest.CaptureFixture[str]) -> None:
     standard = np.array([0.0, 123.4, 1234.5])
     small = summarise_errors(standard + 1.23456e-4, standard, 2000.0)
     large = summarise_errors(standard + 1234.56, standard, 2000.0)
-    text = printed(error_blocks([("", [("raw reading", small), ("raw reading", large)])]))
-    for line in text.splitlines():
+    table = errors_table([("raw reading", small), ("raw reading", large)], "")
+    print_page(Page("A", "", [Section("", "", (table,))]))
+    for line in capsys.readouterr().out.splitlines():
         if "raw" in line:
             assert len(line.split()) == 2 + 6
         assert len(line.rstrip()) <= 80

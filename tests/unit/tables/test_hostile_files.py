@@ -14,11 +14,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from tests.hostile_files import FILES
+from tests.support.uploads import evaluated
 
 from torquebench.errors import InputError
-from torquebench.panel.service import BusyError
-from torquebench.panel.service import read_table as uploaded
-from torquebench.panel.service.records import table_import
+from torquebench.panel.service.files import LARGEST_FILE
 from torquebench.tables import compensate_file, read_calibration, read_table
 from torquebench.tables.isolated import Limits
 
@@ -52,7 +51,7 @@ def test_what_expands_is_refused_and_nothing_is_written(
     for read in (
         read_calibration,
         lambda source: compensate_file(source, target, lambda block: (block.reading_nm,) * 3),
-        lambda source: uploaded(_content(source), source.name),
+        lambda source: evaluated(_content(source), source.name),
     ):
         with pytest.raises(InputError, match=WORDS):
             read(path)
@@ -62,15 +61,17 @@ def test_what_expands_is_refused_and_nothing_is_written(
 
 def _content(path: Path) -> bytes:
     with path.open("rb") as file:
-        return file.read(table_import.LONGEST_TABLE + 1)
+        return file.read(LARGEST_FILE + 1)
 
 
-def test_an_upload_of_more_cells_than_a_text_may_have_is_refused(tmp_path: Path) -> None:
+def test_an_upload_whose_result_would_fill_the_memory_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
-    pq.write_table(pa.table({"reading_nm": np.zeros(400_000)}), path, compression="zstd")
-    assert len(read_table(path)) == 400_000
-    with pytest.raises(InputError, match="at most 262144 cells"):
-        uploaded(path.read_bytes(), "t.parquet")
+    steps = np.tile(np.r_[0.0, 100.0, 200.0, 300.0], 250_000)
+    table = pa.table({"reading_nm": steps, "standard_nm": steps})
+    pq.write_table(table, path, compression="zstd")
+    assert path.stat().st_size < LARGEST_FILE
+    with pytest.raises(InputError, match="a result of"):
+        evaluated(path.read_bytes(), "t.parquet")
 
 
 @pytest.mark.parametrize("line", [b"1.0,1.0\n", b"x", b"\0", b"# a comment\n", b"\n"])
@@ -139,10 +140,3 @@ def test_a_reader_that_dies_by_a_signal_is_a_message(tmp_path: Path, how: signal
         ended.set()
         killer.join()
     assert len(read_table(path)) == 3
-
-
-def test_others_are_told_to_wait(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(table_import, "_READ", threading.BoundedSemaphore(1))
-    with table_import._reading(), pytest.raises(BusyError, match="tables are being read"):
-        uploaded(b"reading_nm\n1\n", "t.csv")
-    assert uploaded(b"reading_nm\n1\n", "t.csv") == "reading_nm\n1\n"

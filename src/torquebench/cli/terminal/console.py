@@ -22,7 +22,7 @@ from torquebench.errors import InputError, TorquebenchError
 from torquebench.message import Message
 
 if TYPE_CHECKING:
-    from torquebench.calibration import Contradiction
+    pass
 
 __all__ = [
     "answer",
@@ -42,7 +42,6 @@ __all__ = [
     "say_file",
     "stderr_console",
     "warn",
-    "write_contradictions",
     "write_error",
 ]
 
@@ -218,14 +217,6 @@ def write_error(error: TorquebenchError) -> None:
     """Print found, allowed and remedy of an error, one line each."""
     _output.error = {"found": error.found, "allowed": error.allowed, "do": error.remedy}
     _write_message({"error": error.found, "allowed": error.allowed, "do": error.remedy})
-
-
-def write_contradictions(contradictions: Sequence[Contradiction], remedy: str) -> None:
-    """Print a calibration's contradictions, possible causes and remedies."""
-    for each in contradictions:
-        allowed = f"{each.allowed} (clause {each.clause})" if each.clause else each.allowed
-        _write_message({"contradiction": each.found, "allowed": allowed, "cause": each.cause})
-    _write_message({"do": remedy})
 
 
 def _write_message(parts: Mapping[str, str]) -> None:

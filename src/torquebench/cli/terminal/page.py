@@ -29,7 +29,8 @@ def print_page(page: Page) -> None:
     if page.subtitle:
         out().print(Text(page.subtitle))
     for section in page.sections:
-        if not section.detail:
+        shown = any(isinstance(block, Facts | Table) for block in section.blocks)
+        if not section.detail and (shown or section.text):
             _print_section(section)
 
 
@@ -66,7 +67,7 @@ def _print_table(table: Table) -> None:
         min(width, WORDS_WIDTH) if left else width
         for width, left in zip(widths[1:], words[1:], strict=True)
     )
-    room = max(NAME_WIDTH, console.width - others - len(widths))
+    room = max(WORDS_WIDTH, console.width - others - len(widths))
     for number, heading in enumerate(table.header):
         grid.add_column(
             Text(heading),

@@ -28,7 +28,6 @@ ROLES: dict[str, Role] = {
     "add_client": "administrator",
     "revoke_client": "administrator",
     "log": "metrologist",
-    "enter_table": "metrologist",
     "change": "metrologist",
     "delete": "metrologist",
     "undo": "metrologist",
@@ -42,7 +41,6 @@ WORDS = {
     "bench_clear": "Confirms that nobody is at the bench and that it may be loaded.",
     "calibration_id": "Number of a registered calibration.",
     "certificate": "Number of a certificate.",
-    "content": "CSV text with a header line.",
     "counter_identity": "Identity of the counter that measured the chain's frequency.",
     "created": "When, UTC.",
     "detail": "Value found and value allowed, or the quantity that wasn't measured.",
@@ -132,22 +130,6 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         "reason": "a stiffer coupling",
         "version": 3,
     },
-    "TableRequest": {
-        "content": "reading_nm,standard_nm,branch\n0.02,0,up\n400.31,400,up\n0.05,0,down\n",
-        "profile": "staircase",
-        "reference_uncertainty_percent": 0.02,
-        "reference_uncertainty_of": "torque",
-        "resolution_nm": 0.01,
-        "performed": "2026-03-02T10:00:00Z",
-        "range_nm": 2000.0,
-    },
-}
-EXAMPLES["EnterTableRequest"] = EXAMPLES["TableRequest"] | {
-    "called": "output-2026.csv",
-    "transducer_serial": "4711",
-    "indicator": "DMP41 / 815",
-    "measured_by": "A. Kim",
-    "reference_serial": "R-9",
 }
 
 _SECTION = re.compile(r"\n\s*(Parameters|Attributes)\n\s*-+\n")
@@ -197,8 +179,6 @@ def name_choices(described: dict[str, Any], settings: SettingsStore) -> None:
                 field = schema["properties"][parameter.name]
                 text = field.get("anyOf", [field])[0]  # the alternative is null
                 text["enum"] = list(settings.names(parameter.names))
-    for name in ("TableRequest", "EnterTableRequest"):
-        schemas[name]["properties"]["profile"]["enum"] = list(settings.names("profiles:steps"))
 
 
 def _describe_operation(operation: dict[str, Any]) -> None:

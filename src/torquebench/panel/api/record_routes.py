@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from typing import IO, Annotated, Any
 from urllib.parse import quote
 
-from fastapi import APIRouter, Path, Query, Response
+from fastapi import APIRouter, Body, Path, Query, Response
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel
 
@@ -18,15 +18,11 @@ from torquebench.panel.api.bench_routes import finite_list
 from torquebench.panel.api.models import DocumentBody, ReasonBody
 from torquebench.panel.service import (
     CalibrationDetail,
-    EnteredTable,
-    EnterTableRequest,
     ErrorCurve,
     RunDetail,
     RunPage,
     SettingsChange,
     SettingsItem,
-    TableRequest,
-    TableView,
     UnfinishedView,
 )
 from torquebench.panel.service.records.queries import MEDIA
@@ -239,19 +235,31 @@ def certificate_file(
     return Response(content, media_type=media_type, headers=_attached(name))
 
 
-# -- tables from elsewhere ------------------------------------------------------------------
+# -- files of operations --------------------------------------------------------------------
 
 
-@router.post("/tables/preview")
-def preview_table(service: Watched, body: TableRequest) -> TableView:
-    """Read and evaluate a calibration of another bench without storing it."""
-    return service.tables.preview(body)
+class FileReference(BaseModel):
+    """Name of a file for the fields of operations that take a file."""
+
+    file: str
 
 
-@router.post("/tables", status_code=201)
-def enter_table(service: Service, caller: Caller, body: EnterTableRequest) -> EnteredTable:
-    """Enter a calibration that was measured on another bench; for metrologists and above."""
-    return service.tables.enter(caller, body)
+@router.post("/files", status_code=201)
+def add_file(
+    service: Watched,
+    content: Annotated[bytes, Body(media_type="application/octet-stream")],
+    name: Annotated[str, Query(max_length=200)] = "table.csv",
+) -> FileReference:
+    """Hand in a file, such as a table, for operations; it is kept until the server ends."""
+    return FileReference(file=service.files.add(content, name))
+
+
+@router.get("/files/{reference:path}", response_class=Response)
+def file(service: Watched, reference: Annotated[str, Path(max_length=200)]) -> Response:
+    """Return a file that was handed in, or that an operation has written."""
+    path = service.files.path(reference)
+    kind = MEDIA.get(path.suffix, "application/octet-stream")
+    return Response(path.read_bytes(), media_type=kind, headers=_attached(path.name))
 
 
 # -- settings -------------------------------------------------------------------------------

@@ -25,6 +25,7 @@ __all__ = [
     "Visitor",
     "address_of",
     "look_of",
+    "profile_titles",
     "session_of",
     "text_of",
     "visitor_of",
@@ -141,6 +142,14 @@ class Visitor:
         else:
             return value
         return None
+
+
+def profile_titles(visitor: Visitor) -> dict[str, str]:
+    """Return the title of each profile by name."""
+    return {
+        item.name: visitor.text.core(str(item.document.get("title") or item.name))
+        for item in visitor.service.settings.items("profiles")
+    }
 
 
 def session_of(scope: Scope) -> str:

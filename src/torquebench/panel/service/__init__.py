@@ -61,12 +61,9 @@ Queue (`queue`): operations that wait for each other
     - `view()` -> `QueueView`; `add(actor, name, request)` -> `QueueItem`, `remove(actor, number)`,
       `move(actor, number, place)`, `start(actor, bench_clear=)`, `pause(actor)`.
 
-Tables from another source (`tables`): text in, never a path
-    - `read_table(bytes)` -> text of an uploaded CSV file; `preview(request)` -> `TableView`
-      (points, errors, deviations from the profile, class); `enter(actor, request)` ->
-      `EnteredTable(calibration_id, run_id)`: compare, fit and certify it like any calibration.
-      Requests are `TableRequest` and `EnterTableRequest`, or mappings of their fields. Both take
-      up to a second: call them beside an event loop.
+Files (`files`): what operations on files read and write
+    - `add(bytes, name)` -> reference, which a request names instead of a path; `path(reference)` of
+      a file that an operation has written. Such an operation runs in a process of its own.
 
 Settings (`settings`): sections "bench", "profiles", "reducers"
     - `items(section)`, `get(section, name)` -> `SettingsItem` (document, builtin, version);

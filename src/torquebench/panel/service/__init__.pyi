@@ -100,10 +100,3 @@ from .live.snapshot import (
 from .store import (
     Event as Event,
 )
-from .records.table_import import (
-    EnteredTable as EnteredTable,
-    EnterTableRequest as EnterTableRequest,
-    TableRequest as TableRequest,
-    TableView as TableView,
-    read_table as read_table,
-)

@@ -41,6 +41,7 @@ from torquebench.panel.service.access.actors import Actor, require
 from torquebench.panel.service.access.clients import Clients
 from torquebench.panel.service.access.lease import CommandLease
 from torquebench.panel.service.access.people import People
+from torquebench.panel.service.files import FileStore
 from torquebench.panel.service.jobs.job import JobView
 from torquebench.panel.service.jobs.log import JobLog
 from torquebench.panel.service.jobs.queue import JobQueue
@@ -57,7 +58,6 @@ from torquebench.panel.service.live.snapshot import (
 )
 from torquebench.panel.service.problems import NotSignedInError
 from torquebench.panel.service.records.queries import RecordQueries
-from torquebench.panel.service.records.table_import import TableImport
 from torquebench.panel.service.records.views import UnfinishedView
 from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.panel.service.store import Event, PanelStore
@@ -94,7 +94,7 @@ class BenchService:
     queue : JobQueue
     records : RecordQueries
     settings : SettingsStore
-    tables : TableImport
+    files : FileStore
     """
 
     def __init__(
@@ -114,9 +114,7 @@ class BenchService:
         self.settings = SettingsStore(store, base)
         self.people = People(store, later=self._later.submit)
         self.clients = Clients(store)
-        self.tables = TableImport(
-            lambda: self.station.registry, self.settings, self.note, self.laboratory_people
-        )
+        self.files = FileStore()
         self.lease = CommandLease(self.note, self._lives, lambda: self.jobs.busy)
         self.station = self._open_station()
         self._watch()
@@ -127,6 +125,8 @@ class BenchService:
             self._prompts,
             self.note,
             JobLog(store),
+            self.files,
+            self.people.names,
             on_done=self._done,
         )
         self.queue = JobQueue(self.jobs, store, self.note)
@@ -283,6 +283,7 @@ class BenchService:
         self.live.close()
         with contextlib.ExitStack() as closing:  # close the other parts even if a drive isn't off
             closing.callback(self._store.close)
+            closing.callback(self.files.close)
             closing.callback(self.people.close)
             closing.callback(self._later.shutdown)
             closing.callback(self._stoppers.shutdown)

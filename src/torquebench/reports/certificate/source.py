@@ -71,7 +71,7 @@ class Source:
                     "calibration-{calibration_id} is an external table", calibration.calibration_id
                 ),
                 "a calibration that a run of this registry measured",
-                "enter the table with `torquebench evaluate static --register`",
+                "enter the table with `torquebench records import`",
             )
         run = registry.run(calibration.run_id)
         folder = RunFolder.open(run.folder)

@@ -13,8 +13,7 @@ from torquebench.panel.components.dialogs import ask, foot, sheet
 from torquebench.panel.components.elements import box, moment, note, words
 from torquebench.panel.pages.operations.form import OperationForm
 from torquebench.panel.pages.operations.page import begin
-from torquebench.panel.pages.records.table_import import all_profile_titles
-from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.pages.visitor import Visitor, profile_titles
 from torquebench.panel.service import InterruptedView
 
 __all__ = ["interrupted_note", "resume_button", "unfinished_notes"]
@@ -95,7 +94,7 @@ def _ask(visitor: Visitor, run: InterruptedView) -> None:
         ui.navigate.to("/calibrate")
 
     with ui.context.client.content, sheet(text("resume.button")) as dialog:
-        profiles = all_profile_titles(visitor)
+        profiles = profile_titles(visitor)
         words("p", profiles.get(run.profile, text.core(run.profile)), "muted")
         words("p", text("resume.explained", kept=run.kept, total=run.total))
         form = OperationForm(visitor, operation, {"run_id": run.run_id}, ("run_id", "models"))

@@ -13,6 +13,7 @@ from torquebench.compensation.kinds import MODEL_NAMES, MODELS, NETWORKS
 from torquebench.operations import Operation, Parameter, parameters
 from torquebench.panel.components.controls import Choice, Field, typed_number
 from torquebench.panel.components.elements import box, words
+from torquebench.panel.pages.operations.files import FileField
 from torquebench.panel.pages.records.column_titles import column_title
 from torquebench.panel.pages.settings.editor import shown
 from torquebench.panel.pages.visitor import Visitor
@@ -156,11 +157,24 @@ class OperationForm:
         if options is not None and asked.optional:
             options = {"": "–"} | options
         limits = text.core(asked.limits)
+        hint = f"{hint} ({limits})" if limits and hint else hint or limits
+        if (asked.kind == "path" and not asked.output) or asked.file:
+            self._fields[key] = chosen_file = FileField(
+                self._visitor,
+                title,
+                self._shown(asked, value),
+                hint,
+                several=asked.several,
+                typed=asked.file,
+                on_change=lambda _: self._changed(),
+            )
+            return lambda: _value(asked, chosen_file.value)
         field = Field(
             title,
             self._shown(asked, value),
+            kind="date" if asked.kind == "day" else "text",
             unit=asked.unit,
-            hint=f"{hint} ({limits})" if limits and hint else hint or limits,
+            hint=hint,
             options=options,
             on_change=lambda _: self._changed(),
             autocomplete="off",

@@ -17,6 +17,7 @@ from torquebench.panel.components.verdicts import verdict_kind
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.jobs.panel import JobPanel
 from torquebench.panel.pages.jobs.preview import Preview
+from torquebench.panel.pages.operations.files import file_buttons
 from torquebench.panel.pages.operations.form import OperationForm
 from torquebench.panel.pages.operations.queue import QueuePanel
 from torquebench.panel.pages.page import page
@@ -44,6 +45,7 @@ def show_result(visitor: Visitor, result: Any) -> None:
     verdict = text.verdict(result.verdict)
     note(text.core(result.headline), verdict_kind(result.verdict), title=verdict)
     remarks(text, result.remarks)
+    file_buttons(visitor, result.files)
     show_page(text, result.page())
 
 
@@ -86,6 +88,8 @@ class _OperationPage:
                         self._password = Field(text("sign.password"), kind="password")
                     with box("div", "line"):
                         button(text("job.start"), self._begin, "primary", picture="play_arrow")
+                        if operation.trial:
+                            button(text.core("Check first"), self._try, picture="search")
                         if not operation.signed:
                             button(text.core("Add to the queue"), self._add, picture="playlist_add")
                 if operation.preview is not None:
@@ -100,6 +104,17 @@ class _OperationPage:
     async def _begin(self) -> None:
         await begin(self._visitor, self._operation, self._form, self._password, self._done)
         self.refresh()
+
+    async def _try(self) -> None:
+        """Show what the operation would enter, by its trial."""
+        trial = find_operation(self._operation.trial)
+        if self._form.check():
+            request = self._form.request()
+            asked = {name: request[name] for name in trial.request.model_fields if name in request}
+            visitor = self._visitor
+            perform = partial(visitor.service.perform, visitor.actor, trial.name, asked)
+            if (result := await visitor.attempt_aside(perform)) is not None:
+                self._done(result)
 
     def _add(self) -> None:
         if self._form.check():
@@ -130,6 +145,7 @@ class _OperationPage:
         self._entry.set_visibility(job is None or not job.open)
         with refilled(self._result):
             if job is not None and job.result is not None:
+                file_buttons(self._visitor, job.result.files)
                 show_page(self._text, job.result.page())
                 remarks(self._text, job.result.remarks)
 

@@ -11,7 +11,7 @@ from torquebench.campaign.drifting import DriftSeries
 from torquebench.campaign.fitting import model_title
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import COLOURS, Chart, Line, error_chart, limit_lines
-from torquebench.panel.components.controls import Field, button
+from torquebench.panel.components.controls import Field, button, link_button
 from torquebench.panel.components.elements import (
     box,
     empty,
@@ -29,9 +29,8 @@ from torquebench.panel.pages.downloads import certificate_buttons
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.page import page
 from torquebench.panel.pages.records.run import doubt_notes, run_address, run_title
-from torquebench.panel.pages.records.table_import import TableEntry, all_profile_titles
 from torquebench.panel.pages.view import View, part, tabs
-from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.pages.visitor import Visitor, profile_titles
 from torquebench.panel.text import Text
 from torquebench.records.signatures import how
 from torquebench.units import minus_signs
@@ -137,22 +136,10 @@ class _Calibrations(View):
     def build(self) -> None:
         if self._visitor.has_role("metrologist"):
             with box("div", "line end"):
-                button(self._text("external.open"), self._enter, picture="upload_file")
-        self._entry = box("div")
+                link_button(self._text("external.open"), "/operations/records-import")
         self._compared = box("div")
         self._list = box("div")
         self._show()
-
-    def _enter(self) -> None:
-        with refilled(self._entry):
-            TableEntry(self._visitor, self._entered).build()
-        to_the_top()
-
-    def _entered(self, number: int) -> None:
-        self._entry.clear()
-        self._chosen = [number]
-        self._show()
-        self._compare()
 
     def _show(self) -> None:
         text = self._text
@@ -169,7 +156,7 @@ class _Calibrations(View):
                 return
             words("p", text("records.compare_explained"), "muted")
             doubt_notes(text, (doubt for entry in calibrations for doubt in entry.doubts))
-            profiles = all_profile_titles(self._visitor)
+            profiles = profile_titles(self._visitor)
             rows = [
                 (
                     str(entry.calibration_id),

@@ -35,8 +35,7 @@ from torquebench.panel.pages.records.column_titles import (
     column_with_unit,
     stream_title,
 )
-from torquebench.panel.pages.records.table_import import all_profile_titles
-from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.pages.visitor import Visitor, profile_titles
 from torquebench.panel.service import InterruptedView, RunDetail, RunTable
 from torquebench.panel.text import Text
 from torquebench.records.export.streams import STREAM_FORMATS, StreamFormat, stream_ending
@@ -140,7 +139,7 @@ class _RunPanel:
 
     def _facts(self, detail: RunDetail) -> list[tuple[str, str | datetime]]:
         text, run = self._text, detail.run
-        profiles = all_profile_titles(self._visitor)
+        profiles = profile_titles(self._visitor)
         facts: list[tuple[str, str | datetime]] = [
             (text("records.kind"), run_title(text, run.kind)),
             (text("records.started"), run.started),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -30,6 +30,7 @@ from torquebench.operations import (
 from torquebench.panel.run_in_process import run_in_process
 from torquebench.panel.service.access.actors import Actor, require
 from torquebench.panel.service.access.lease import CommandLease
+from torquebench.panel.service.files import FileStore, KnownNames
 from torquebench.panel.service.jobs.job import (
     Job,
     JobPoint,
@@ -40,14 +41,16 @@ from torquebench.panel.service.jobs.job import (
 )
 from torquebench.panel.service.jobs.log import JobLog
 from torquebench.panel.service.problems import BusyError, NotFoundError, PermissionDeniedError
-from torquebench.progress import NO_PROGRESS
+from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.station import Station
 from torquebench.validation import validated
 
-__all__ = ["JobRunner", "require_person"]
+__all__ = ["JobRunner", "perform_on_files", "require_person"]
 
 KEPT = 20
 ABORT_POLL_S = 0.1
+MOST_AT_ONCE = 4
+"""Operations on files at a time, beside a job: each occupies a thread and a process."""
 
 
 class JobRunner:
@@ -64,6 +67,10 @@ class JobRunner:
         Called with an actor, the action, and details.
     log : JobLog
         Stores the results of jobs for the users who started them.
+    files : FileStore
+        Files that operations read and write.
+    people : callable
+        Returns the names of people with an account.
     on_done : callable
         Called with the operation, on the job's thread, after it was performed.
     """
@@ -76,6 +83,8 @@ class JobRunner:
         prompts: PromptQueue,
         note: Callable[..., None],
         log: JobLog,
+        files: FileStore,
+        people: Callable[[], Iterable[str]],
         on_done: Callable[[Operation], None] = lambda _operation: None,
     ) -> None:
         self._library = library
@@ -83,6 +92,9 @@ class JobRunner:
         self._prompts = prompts
         self._note = note
         self.log = log
+        self._files = files
+        self._people = people
+        self._at_once = threading.BoundedSemaphore(MOST_AT_ONCE)
         self.ended = 0
         """How many jobs have ended since the server was started."""
         self._on_done = on_done
@@ -108,15 +120,30 @@ class JobRunner:
             library=self._library,
             registry=self._station.registry,
             station=self._station,
+            compute=partial(run_in_process, folder=self._files.folder),
+            people=self._people,
         )
         if actor is not None:
             signature = actor.signed if signed else actor.signature
             place = replace(place, signature=signature, may=partial(allows, actor.role))
         if job is not None:
             cancelled = job.cancelled.is_set
-            compute = partial(run_in_process, cancelled=cancelled)
+            compute = partial(place.compute, cancelled=cancelled)
             place = replace(place, finishing=job.finishing, cancelled=cancelled, compute=compute)
         return place
+
+    def _perform(
+        self, operation: Operation, place: Place, request: Request, progress: Progress
+    ) -> Result:
+        """Perform an operation; an operation on files in a process of its own."""
+        request = self._files.checked(request)
+        if operation.where != "files":
+            return self._files.named(operation.run(place, request, progress))
+        known = KnownNames.of(place.library, request)
+        result: Result = place.compute(
+            perform_on_files, operation.name, request, place.operator, known, progress=progress
+        )
+        return self._files.named(result)
 
     # -- starting ---------------------------------------------------------------------------
 
@@ -167,8 +194,19 @@ class JobRunner:
         if found.commands:
             self.command(actor)
         place = self._place(actor, signed=signed)
+        if found.where == "files":
+            if not self._at_once.acquire(blocking=False):
+                raise BusyError(
+                    Message("{count} operations on files are under way", MOST_AT_ONCE),
+                    Message("{count} at a time", MOST_AT_ONCE),
+                    "try again in a few seconds",
+                )
+            try:
+                return self._perform(found, place, asked, NO_PROGRESS)
+            finally:
+                self._at_once.release()
         found.doubts(place, asked)
-        result = found.run(place, asked, NO_PROGRESS)
+        result = self._perform(found, place, asked, NO_PROGRESS)
         self._note(actor, str(found.title(asked)), request=asked.model_dump(mode="json"))
         self._on_done(found)
         return result
@@ -216,7 +254,8 @@ class JobRunner:
         self._refuse_busy()
         if found.loads and not bench_clear:
             self.refuse_unconfirmed()
-        found.doubts(self._place(actor, signed=signed), asked)
+        if found.where != "files":
+            found.doubts(self._place(actor, signed=signed), asked)
         with self._lock:
             self._refuse_busy()
             if found.moves:
@@ -276,7 +315,7 @@ class JobRunner:
         result = problem = None
         try:
             place = self._place(job.actor, job, signed=job.signed)
-            result = job.operation.run(place, job.request, job)
+            result = self._perform(job.operation, place, job.request, job)
             self._on_done(job.operation)
         except (RunAbortedError, EndedError) as error:
             state, problem = "aborted", Problem.of(error)
@@ -478,6 +517,15 @@ def _operation(kind: str) -> Operation:
         return find_operation(kind)
     except InputError as unknown:
         raise NotFoundError(unknown.found, unknown.allowed) from None
+
+
+def perform_on_files(
+    name: str, request: Request, operator: str, known: KnownNames, progress: Progress
+) -> Result:
+    """Check and perform an operation on files, in a process of its own."""
+    operation, place = find_operation(name), Place(operator, known)
+    operation.doubts(place, request)
+    return operation.run(place, request, progress)
 
 
 def require_person(actor: Actor, request: Request) -> None:

@@ -1,1 +1,0 @@
-"""`torquebench evaluate`: evaluate tables of other benches."""
