@@ -385,7 +385,7 @@ class AppliedModel(Result):
 
 
 @dataclass(frozen=True, kw_only=True)
-class VerifiedModel(Result):
+class VerifiedFile(Result):
     """Models at points that they weren't fitted to; the verdict is that of the second entry."""
 
     range_nm: float
@@ -782,7 +782,7 @@ def run_apply(place: Place, request: ApplyRequest, progress: Progress) -> Applie
 # -- verify ---------------------------------------------------------------------------------
 
 
-def run_verify(place: Place, request: VerifyRequest, _progress: Progress) -> VerifiedModel:
+def run_verify(place: Place, request: VerifyRequest, _progress: Progress) -> VerifiedFile:
     """Verify a model, and others beside it."""
     from torquebench.compensation import load_model
 
@@ -813,7 +813,7 @@ def run_verify(place: Place, request: VerifyRequest, _progress: Progress) -> Ver
     ]
     worst = result.models[1].against_standard.worst_percent_fs
     tolerance = request.tolerance_percent_fs
-    return VerifiedModel(
+    return VerifiedFile(
         headline=Message(
             "worst error {percent:.3g} % FS: within the tolerance of {tolerance:g} % FS"
             if worst <= tolerance

@@ -11,7 +11,7 @@ from torquebench.reports.page import render_page
 
 
 @pytest.mark.parametrize(
-    ("freedom", "said"), [(1, "(1 degree of freedom)"), (2, "(2 degrees of freedom)")]
+    ("freedom", "said"), [(1, "(degrees of freedom: 1)"), (2, "(degrees of freedom: 2)")]
 )
 def test_degrees_of_freedom_are_counted_in_words(freedom: int, said: str) -> None:
     standard = np.linspace(-100.0, 100.0, 41)

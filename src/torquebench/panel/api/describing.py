@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from typing import Any
@@ -201,6 +202,8 @@ def _describe_schema(schema: dict[str, Any]) -> None:
     if words:
         schema["description"] = _SECTION.split(words)[0].strip()
     for name, value in schema.get("properties", {}).items():
+        if value.get("default") == math.inf:  # which JSON doesn't have
+            del value["default"]
         if name in said and "description" not in value:
             value["description"] = said[name]
         if name in WORDS:

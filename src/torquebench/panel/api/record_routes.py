@@ -122,7 +122,7 @@ def _sends(words: str, *media_types: str) -> dict[str, Any]:
 
 
 @router.get("/runs/{run_id}/export", **_sends("A ZIP archive.", "application/zip"))
-def export(service: Watched, run_id: RunId) -> StreamingResponse:
+def export_run(service: Watched, run_id: RunId) -> StreamingResponse:
     """Return a run in open formats as a ZIP archive."""
     return _file(service.records.export_zip(run_id), f"{run_id}.zip", "application/zip")
 
