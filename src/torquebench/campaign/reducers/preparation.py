@@ -109,7 +109,7 @@ def preparations(
     needed = any(test.bench_twist for test in tests) and settings.twist_arcmin_per_nm is None
     if needed and twist is not None:
 
-        def twisted(known: Known, recording: Any) -> None:
+        def keep_twist(known: Known, recording: Any) -> None:
             known.twist = recording
 
         found.append(
@@ -117,7 +117,7 @@ def preparations(
                 "bench-twist",
                 "Twist of the bench",
                 lambda devices: bench_twist(devices, twist, loops_nm=loops_nm),
-                twisted,
+                keep_twist,
             )
         )
     empty = settings.empty_run
@@ -125,7 +125,7 @@ def preparations(
     if empty is not None and (set(turning) - set(rotating) or (turning and settings.tare_always)):
         within = empty.within(limits)
 
-        def emptied(known: Known, recording: Any) -> None:
+        def keep_empty_run(known: Known, recording: Any) -> None:
             known.empty = recording
 
         found.append(
@@ -133,7 +133,7 @@ def preparations(
                 "empty-run",
                 "Empty run, nothing mounted",
                 lambda devices: empty_run(devices, limits, within),
-                emptied,
+                keep_empty_run,
             )
         )
     return found
