@@ -140,6 +140,15 @@ def as_input_error(
     return InputError(Message("{source}: {found}", source, found), allowed, remedy)
 
 
+_NAME = "letters, digits, `.`, `_` and `-`, beginning with a letter or a digit"
+_OF_PATTERNS: Mapping[str, str] = {
+    r"^[A-Za-z0-9][A-Za-z0-9._-]*$": _NAME,
+    r"^([A-Za-z0-9][A-Za-z0-9._-]*)?$": _NAME,
+    "^([0-9a-f]{64})?$": "a SHA-256 of 64 hexadecimal digits",
+}
+"""What a text must be that doesn't match a pattern."""
+
+
 def _explain(model: type[BaseModel] | None, detail: ErrorDetails) -> tuple[str, str, str, str]:
     location = detail["loc"]
     key = _dotted(location, detail)
@@ -156,6 +165,8 @@ def _explain(model: type[BaseModel] | None, detail: ErrorDetails) -> tuple[str, 
     field = _field_at(model, location)
     message = words_of(detail)
     described = _allowed(field) if field and kind != "value_error" else ""
+    if kind == "string_pattern_mismatch":
+        described = _OF_PATTERNS.get(detail["ctx"]["pattern"], described)
     if kind == "missing":
         return key, Message("{key} is missing", key), described, "add the key"
     if not key:
