@@ -192,6 +192,7 @@ def run_turn(place: Place, request: TurnRequest, progress: Progress) -> TurnedMo
         ),
         simulated=station.description.simulated,
         run_ids=(done.run_id,),
+        files=(str(target.absolute()),),
         side=request.side,
         profile=chosen.name,
         table=str(target),

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from torquebench.errors import InputError
-from torquebench.operations import find_operation
+from torquebench.operations import Result, find_operation
 from torquebench.panel.service import NotFoundError
 from torquebench.panel.service.files import LARGEST_FILE, MOST_FILES, FileStore
 
@@ -61,6 +61,17 @@ def test_a_written_file_gets_a_place_of_its_own(store: FileStore) -> None:
     assert checked.out.name == "table.csv"
     assert (store.folder / checked.out).parent.parent == store.folder
     assert (store.folder / checked.out).parent.is_dir()
+
+
+def test_what_the_bench_has_written_can_be_downloaded(store: FileStore, tmp_path: Path) -> None:
+    """The table of a turning run lay in a folder that only the server could read."""
+    table = tmp_path / "run.csv"
+    table.write_text("time_s\n1\n", encoding="utf-8")
+    result = Result(headline="", files=(str(table), str(tmp_path / "none.csv"), "page.pdf"))
+    (reference,) = store.copied(result).files
+    assert store.path(reference).read_bytes() == table.read_bytes()
+    assert store.path(reference).name == "run.csv"
+    assert store.named(result).files == ()
 
 
 def test_size_and_number_are_limited(store: FileStore) -> None:

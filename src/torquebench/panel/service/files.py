@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import secrets
+import shutil
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -117,6 +118,15 @@ class FileStore:
         """Return a result whose files are those that exist here."""
         here = tuple(each for each in result.files if _REFERENCE.fullmatch(each))
         return result if here == result.files else replace(result, files=here)
+
+    def copied(self, result: Result) -> Result:
+        """Return the result of an operation of the bench with copies of its files."""
+        written = [Path(name) for name in result.files]
+        references = []
+        for path in (path for path in written if path.is_absolute() and path.is_file()):
+            references.append(self._new(path.name))
+            shutil.copyfile(path, self.folder / references[-1])
+        return replace(result, files=tuple(references))
 
 
 @dataclass(frozen=True)

@@ -138,7 +138,7 @@ class JobRunner:
         """Perform an operation; an operation on files in a process of its own."""
         request = self._files.checked(request)
         if operation.where != "files":
-            return self._files.named(operation.run(place, request, progress))
+            return self._files.copied(operation.run(place, request, progress))
         known = KnownNames.of(place.library, request)
         result: Result = place.compute(
             perform_on_files, operation.name, request, place.operator, known, progress=progress
