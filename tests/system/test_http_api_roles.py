@@ -27,6 +27,7 @@ BODIES: dict[str, dict[str, Any]] = {
     "add_user": {"name": "X", "role": "operator", "password": PASSWORD},  # X is too short a name
     "records_review": {"record": "calibration-999", **SIGNED},
     "records_fit_model": {"calibration": 999},
+    "records_import": {"table": "none.csv", "resolution_nm": 0.1},
     "records_use": {"model": 999},
     "records_deactivate": {"side": "output"},
     "records_discard": {"run_id": "none", "reason": "none"},
@@ -78,7 +79,10 @@ def _ask(client: httpx.Client, method: str, path: str, operation: dict[str, Any]
         path = path.replace(name, value)
     if "requestBody" not in operation:
         return client.request(method, path)
-    schema = operation["requestBody"]["content"]["application/json"]["schema"]
+    content = operation["requestBody"]["content"]
+    if "application/json" not in content:
+        return client.request(method, path, content=b"reading_nm\n", params={"name": "t.csv"})
+    schema = content["application/json"]["schema"]
     example = EXAMPLES.get(schema["$ref"].rpartition("/")[2], {})
     return client.request(method, path, json=BODIES.get(operation["operationId"], example))
 

@@ -38,6 +38,7 @@ from .fitting import (
     fit_models as fit_models,
     model_in_use as model_in_use,
     model_title as model_title,
+    few_points as few_points,
     remarks_on as remarks_on,
     store_model as store_model,
 )

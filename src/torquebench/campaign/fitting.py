@@ -60,6 +60,7 @@ __all__ = [
     "described_model",
     "entry_in_use",
     "feature_columns",
+    "few_points",
     "fit_metrics",
     "fit_models",
     "fit_table",
@@ -266,7 +267,7 @@ def fit_models(
             model.fit(columns, points.standard_nm, progress=part)
         part.reach(SHARES)
         told = (f"{words}: {entry.message}" for entry in caught)
-        few = () if fitted else _few_points(model, len(points))
+        few = () if fitted else few_points(model, len(data))
         remarks = (*_remarks(data, kept, examination), *unread, *dict.fromkeys(told), *few)
         seconds = time.perf_counter() - started
         fitted.append(
@@ -394,7 +395,7 @@ def _remarks(
         )
 
 
-def _few_points(model: CompensationModel, count: int) -> Iterator[str]:
+def few_points(model: CompensationModel, count: int) -> Iterator[str]:
     """Yield a remark if the points are too few to show noise that grows with the torque.
 
     The scatter of the inner and of the outer half of the points differ by chance up to the square
@@ -514,7 +515,7 @@ def fit_table(
         remarks=(
             *_remarks(data, kept, examination),
             *_untared(data, examination),
-            *_few_points(model, len(kept)),
+            *few_points(model, len(kept)),
             *filter(None, behind),
             *([comparison.caution] if comparison is not None and comparison.caution else []),
             *data.notes(),

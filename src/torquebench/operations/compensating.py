@@ -102,9 +102,11 @@ class FitRequest(TorqueTable):
             max_length=20,
         ),
     ] = {}  # noqa: RUF012 - pydantic copies it
-    compare: Annotated[Flag, field("Compare all kinds of model; that takes a while.")] = False
+    compare: Annotated[
+        Flag, field("Compare all kinds of model; that takes a while.", expert=True)
+    ] = False
     out: Annotated[
-        Path, field("The model file to write.", title="Model file", output=(".json",))
+        Path, field("The model file to write.", title="Model file", output=(".json",), expert=True)
     ] = Path("model.json")
     one_direction: Annotated[Flag, field("The chain is loaded in one direction only.")] = False
     outliers: Annotated[
@@ -243,6 +245,8 @@ class BudgetRequest(Request):
     Limits given as options replace those in the model's file. Both methods are compared by the
     criterion of JCGM 101, clause 8. If they differ, state the larger of the two intervals.
     """
+
+    basic = ("model", "readings_nm", "branch", "speed_rpm", "temperature_c", "reference")
 
     model: Model
     readings_nm: Annotated[
@@ -869,11 +873,13 @@ def check_export(_place: Place, request: ExportRequest) -> Iterable[str]:
 
 def run_export(_place: Place, request: ExportRequest, _progress: Progress) -> ExportedModel:
     """Compile a model and write the table."""
-    from torquebench.chain import MeasuringChain
     from torquebench.compensation import compile_table, export_table, load_model
-    from torquebench.compensation.export.branches import partial_loop_deviation
 
     stored = load_model(request.model)
+
+    from torquebench.chain import MeasuringChain
+    from torquebench.compensation.export.branches import partial_loop_deviation
+
     table = compile_table(stored.model, uncertainty=not request.no_uncertainty)
     export_table(request.out, table, stored.provenance, decimal_comma=request.decimal_comma)
     percent = 100.0 * table.bound_nm / table.full_scale_nm
@@ -904,13 +910,15 @@ def run_export(_place: Place, request: ExportRequest, _progress: Progress) -> Ex
 
 def run_budget(_place: Place, request: BudgetRequest, _progress: Progress) -> Budgets:
     """Compute the budget of each reading."""
+    from torquebench.compensation import load_model
+
+    stored = load_model(request.model)
+
     import numpy as np
 
     from torquebench.campaign.chains import stated_effects
     from torquebench.chain import not_in_u, readings_of_rows
-    from torquebench.compensation import load_model
 
-    stored = load_model(request.model)
     chain, range_nm = _chain(stored, request.bench), stored.provenance.range_nm
     chain = chain.with_effects(
         stated_effects(

@@ -30,6 +30,8 @@ class DynamicRuns(Request):
     --dynamics` and `fit --dynamics` use the file.
     """
 
+    basic = ("runs", "empty", "model", "window", "bandwidth_hz", "rate")
+
     runs: Annotated[
         tuple[Path, ...],
         field(

@@ -206,6 +206,7 @@ class Hysteresis(GearedEvaluation, DescribedEvaluation):
     """
 
     title = test = "hysteresis"
+    basic = ("data", "reducer", "rated_torque_nm", "rule", "ratio", "torque_constant")
     columns: ClassVar = {
         "torque": "torque",
         "current": "current",
@@ -317,6 +318,7 @@ class Friction(GearedEvaluation):
     """
 
     title = "friction"
+    basic = ("data", "form", "zeroed", "tolerance_rpm", "ratio", "torque_constant")
     columns: ClassVar = {
         "speed": "speed",
         "torque": "torque",
@@ -377,6 +379,14 @@ class NoLoad(MotorEvaluation, DescribedEvaluation):
     """
 
     title = test = "no-load"
+    basic = (
+        "data",
+        "reducer",
+        "zeroed",
+        "tolerance_rpm",
+        "reference_temperature_c",
+        "torque_constant",
+    )
     columns: ClassVar = {
         "speed": "speed",
         "torque": "torque",
@@ -429,6 +439,7 @@ class Breakaway(MotorEvaluation, DescribedEvaluation):
 
     title = "{kind} torque"
     test = "starting"
+    basic = ("data", "reducer", "kind", "presliding_arcmin", "torque_constant", "keep_outliers")
     columns: ClassVar = {
         "time": "time",
         "angle": "angle",
@@ -478,6 +489,7 @@ class TransmissionError(DescribedEvaluation):
 
     test = "transmission-error"
     title = "transmission error"
+    basic = ("data", "reducer", "ratio", "highest_order", "wrapped", "keep_outliers")
     columns: ClassVar = {"input": "angle", "output": "angle", "time": "time"}
     needed = ("input", "output")
 
@@ -538,6 +550,14 @@ class Efficiency(MotorEvaluation, DescribedEvaluation):
     """
 
     title = test = "efficiency"
+    basic = (
+        "data",
+        "reducer",
+        "ratio",
+        "input_uncertainty_percent",
+        "output_uncertainty_percent",
+        "torque_constant",
+    )
     columns: ClassVar = {
         "input_torque": "torque",
         "current": "current",

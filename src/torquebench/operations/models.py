@@ -124,11 +124,13 @@ def stored_module(registry: records.Registry, number: int) -> CalibratedModule:
         As in `calibration_points`, or a model's file is missing or was changed.
     """
     entry, (measured, profile) = calibration_points(registry, number)
-    remarks = campaign.remarks_on(measured.result.data)
-    fitted = [
-        (model.model_id, _fitted(chain.load_chain(model.check_file()), model, remarks))
-        for model in reversed(registry.models(entry.transducer_serial, calibration_id=number))
-    ]
+    points = measured.result.data
+    remarks = campaign.remarks_on(points)
+    fitted: list[tuple[int, campaign.FittedModel]] = []
+    for model in reversed(registry.models(entry.transducer_serial, calibration_id=number)):
+        stored = chain.load_chain(model.check_file())
+        few = () if fitted else campaign.few_points(stored.model, len(points))
+        fitted.append((model.model_id, _fitted(stored, model, (*remarks, *few))))
     active = registry.active_model(entry.transducer_serial, entry.counter_identity)
     in_use = None if active is None else active.model_id
     data = measured.result

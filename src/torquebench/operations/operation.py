@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from datetime import date, datetime
 from inspect import cleandoc
@@ -14,6 +14,7 @@ from typing import (
     TYPE_CHECKING,
     Annotated,
     Any,
+    ClassVar,
     Literal,
     TypeAlias,
     Union,
@@ -245,7 +246,15 @@ def field(
 
 
 class Request(BaseModel):
-    """Parameters of an operation."""
+    """Parameters of an operation.
+
+    Attributes
+    ----------
+    basic : tuple of str
+        Fields that a form shows, if not all that aren't for experts.
+    """
+
+    basic: ClassVar[tuple[str, ...]] = ()
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -373,8 +382,10 @@ def parameters(model: type[BaseModel]) -> tuple[Parameter, ...]:
     """Return the fields of a request: arguments first, then in order, base classes last."""
     own = [name for name in model.model_fields if name in model.__annotations__]
     names = dict.fromkeys([*own, *model.model_fields])
-    found = [_parameter(name, model.model_fields[name]) for name in names]
-    return tuple(sorted(found, key=lambda each: not each.argument))
+    fields = [_parameter(name, model.model_fields[name]) for name in names]
+    if basic := getattr(model, "basic", ()):
+        fields = [replace(each, expert=each.name not in basic) for each in fields]
+    return tuple(sorted(fields, key=lambda each: not each.argument))
 
 
 def _parameter(name: str, info: FieldInfo) -> Parameter:

@@ -44,6 +44,8 @@ class StaticTable(TorqueTable):
     fails if the profile refuses a certificate because of one.
     """
 
+    basic = ("table", "resolution_nm", "reference_uncertainty", "profile", "range_nm", "model")
+
     table: Annotated[
         Path,
         field(
@@ -135,6 +137,11 @@ class ImportedTable(StaticTable):
     equipment and conditions, whatever it deviates in: `evaluate static` shows this beforehand. The
     check fails if the profile refuses a certificate.
     """
+
+    basic = (
+        *("table", "resolution_nm", "profile"),
+        *("measured_by", "transducer", "reference_serial"),
+    )
 
     measured_by: Annotated[
         str, field("Who measured it: one of the laboratory's people.", max_length=120)

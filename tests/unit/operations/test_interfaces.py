@@ -117,7 +117,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
             assert service.jobs.get(job.job_id).state == "done"
     (folder / "laboratory.toml").write_text(
         '[policy]\nunreviewed = "state"\n[laboratory]\nname = "Lab"\n'
-        'city = "Ulm"\ncountry = "DE"\npeople = ["Chief"]\n',
+        'city = "Ulm"\ncountry = "DE"\npeople = ["Chief", "Olga"]\n',
         encoding="utf-8",
     )
     fit = OPERATIONS["fit"]

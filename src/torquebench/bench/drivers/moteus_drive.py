@@ -26,13 +26,12 @@ from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest, r
 from torquebench.bench.drivers.stepping import Stepper
 from torquebench.errors import BenchError
 from torquebench.message import Message
-from torquebench.units import RAD_S_PER_RPM
+from torquebench.units import RAD_S_PER_RPM, TURN
 
 __all__ = ["COUNTS_PER_TURN", "PLUGIN", "MoteusDrive"]
 
 COUNTS_PER_TURN = 100_000
 """Resolution of the position register, counts per turn of the motor."""
-TURN = 2.0 * math.pi
 REPLY, BUS_SIZES, NO_OPERATION = 0x8000, (*range(9), 12, 16, 20, 24, 32, 48, 64), b"\x50"
 MOST_FOREIGN = 50
 """Largest number of frames of other nodes that are skipped before an answer."""
