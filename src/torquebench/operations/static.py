@@ -139,8 +139,8 @@ class ImportedTable(StaticTable):
     """
 
     basic = (
-        *("table", "resolution_nm", "profile"),
-        *("measured_by", "transducer", "reference_serial"),
+        *("table", "resolution_nm", "measured_by"),
+        *("transducer", "indicator", "reference_serial"),
     )
 
     measured_by: Annotated[
