@@ -266,28 +266,22 @@ class BudgetRequest(Request):
     zero_temperature_c: ZeroTemperature = None
     zero_age_h: Annotated[Number | None, field("Hours since the zero was taken.", ge=0)] = None
     age_days: Annotated[Number | None, field("Days since the calibration.", unit="d", ge=0)] = None
-    averaged: Annotated[
-        Number, field("Number of separate loadings in the mean.", expert=True, ge=1)
-    ] = 1.0
+    averaged: Annotated[Number, field("Number of separate loadings in the mean.", ge=1)] = 1.0
     reference: Reference = None
     span_limit: Annotated[
         Number | None,
-        field("Limit of the span's change, % of torque per 10 K.", expert=True, ge=0),
+        field("Limit of the span's change, % of torque per 10 K.", ge=0),
     ] = None
     zero_limit: Annotated[
         Number | None,
-        field("Limit of the zero's change, % of range per 10 K.", expert=True, ge=0),
+        field("Limit of the zero's change, % of range per 10 K.", ge=0),
     ] = None
     drift: Annotated[
         Number | None,
-        field("Limit of the span's drift, % of torque a year.", expert=True, ge=0),
+        field("Limit of the span's drift, % of torque a year.", ge=0),
     ] = None
-    zero_nm: Annotated[
-        Number | None, field("Standard uncertainty of the zero.", expert=True, ge=0)
-    ] = None
-    seed: Annotated[
-        int, field("Seed of the Monte Carlo check.", expert=True, ge=0, le=2**32 - 1), WHOLE
-    ] = 0
+    zero_nm: Annotated[Number | None, field("Standard uncertainty of the zero.", ge=0)] = None
+    seed: Annotated[int, field("Seed of the Monte Carlo check.", ge=0, le=2**32 - 1), WHOLE] = 0
     bench: Limits = None
 
 

@@ -107,12 +107,12 @@ class StaticTable(TorqueTable):
     ] = ""
     degree: Annotated[
         int,
-        field("Degree of the curve; smaller with few steps.", expert=True, ge=1, le=3),
+        field("Degree of the curve; smaller with few steps.", ge=1, le=3),
         WHOLE,
     ] = 3
     regression: Annotated[
         Flag,
-        field("State slope, intercept, standard error of estimate and r², too.", expert=True),
+        field("State slope, intercept, standard error of estimate and r², too."),
     ] = False
     out: Annotated[
         Path | None, field("A JSON file with every number.", local=True, output=(".json",))

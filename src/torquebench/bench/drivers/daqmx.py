@@ -283,7 +283,7 @@ class DaqmxCounter(LibraryCounter):
         def question() -> None:
             """Create and start the tasks of all channels, the encoders and the sample clock."""
             for name in self._periods:
-                self._period_task(create(name), self._options.channels[name])  # type: ignore[index]
+                self._period_task(create(name), self._options.channels[name])  # type: ignore[index]  # periods have channels
             for side in self._sides:
                 self._encoder_task(create(f"{side}_encoder"), side, self._options.encoders[side])
             for counter, task in self._tasks.items():
