@@ -1,10 +1,14 @@
 """Frequency acquisition and changing torque: what the page states was counted or filtered."""
 
+import time
+
 import pytest
 
 from torquebench.papers import acquisition
 from torquebench.papers.factors import FREQUENCIES_HZ, changing_torque
 from torquebench.reports.page import Table
+from torquebench.signals import EdgeBlock, FrequencyCounter
+from torquebench.signals.record import Record
 
 
 def test_a_stream_is_taken_whole() -> None:
@@ -16,8 +20,16 @@ def test_a_stream_is_taken_whole() -> None:
 def test_a_card_whose_blocks_nobody_takes_in_time_loses_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    class Slow(FrequencyCounter):
+        """Counter that takes twenty times as long as a block lasts."""
+
+        def push(self, block: EdgeBlock) -> Record:
+            time.sleep(0.02)
+            return super().push(block)
+
+    monkeypatch.setattr(acquisition, "FrequencyCounter", Slow)
     monkeypatch.setattr(acquisition, "HELD_BLOCKS", 1)
-    monkeypatch.setattr(acquisition, "BLOCK_S", 1e-5)
+    monkeypatch.setattr(acquisition, "BLOCK_S", 1e-3)
     assert acquisition.streamed(0.01).lost > 0
 
 
