@@ -13,4 +13,4 @@ import lazy_loader
 __getattr__, __dir__, _public = lazy_loader.attach_stub(__name__, __file__)
 __all__ = ["__version__", *_public]
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
