@@ -67,3 +67,22 @@ def test_ctrl_c_at_a_terminal_ends_a_demo(tmp_path: Path) -> None:
     assert "without torque" in shown
     assert "Traceback" not in shown
     assert not (tmp_path / "x.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("sent", "code", "status"), [(signal.SIGINT, 0, "completed"), (signal.SIGTERM, 1, "aborted")]
+)
+def test_a_recording_without_an_end(
+    sent: signal.Signals, code: int, status: str, tmp_path: Path
+) -> None:
+    with started("record", "--name", "idle", "--real-time", "--data", "data", cwd=tmp_path) as run:
+        wait_until(lambda: any(tmp_path.glob("data/runs/*/raw.arrow")), "the first samples")
+        run.send_signal(sent)
+        output, messages = run.communicate(timeout=240)
+    assert run.returncode == code, messages
+    assert "Traceback" not in output + messages
+    (path,) = (tmp_path / "data" / "runs").iterdir()
+    folder = RunFolder.open(path)
+    folder.verify()
+    assert folder.manifest["status"] == status
+    assert folder.raw().rows > 0

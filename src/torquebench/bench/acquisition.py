@@ -323,46 +323,49 @@ class Acquisition:
             "make room on the disk or repair it, then repeat the run",
         )
 
-    # -- viewers -----------------------------------------------------------------------------
+    # -- journal and viewers ----------------------------------------------------------------
 
     def remember(self, seconds: float) -> None:
-        """Keep the blocks of the last `seconds` from now on, for a journal that begins earlier."""
+        """Keep the blocks of the last `seconds` from now on, for viewers that begin earlier."""
         with self._release_lock:
             self._remembered_s = seconds
 
-    def set_journal(self, journal: JournalSink | None, *, before_s: float = 0.0) -> None:
-        """Record blocks in this journal from the next block on; None ends it.
-
-        Parameters
-        ----------
-        journal : JournalSink or None
-        before_s : float
-            Also record kept blocks that ended at most this time before the newest one, s.
-        """
+    def set_journal(self, journal: JournalSink | None) -> None:
+        """Record blocks in this journal from the next block on; None ends it."""
         with self._release_lock:
             failure = self._release()
             self._journal = journal
-            if journal is not None and before_s and self._past:
-                begin_s = self._past[-1].stop_s - before_s
-                for block in tuple(self._past):
-                    if block.stop_s <= begin_s + 1e-9:
-                        continue
-                    if (
-                        begin_s - block.start_s > self._block_s
-                    ):  # several joined blocks in fast time
-                        block = block.part(begin_s, block.stop_s)
-                    failure = self._keep(block) or failure
         self._raise_alarm(failure)
 
-    def add_viewer(self, maximum: int = 100) -> Viewer:
-        """Add a viewer, which gets every block and drops the oldest blocks if it is too slow."""
-        viewer = Viewer(maximum)
-        with self._lock:
-            self._viewers = (*self._viewers, viewer)
+    def add_viewer(
+        self, maximum: int = 100, *, before_s: float = 0.0, complete: bool = False
+    ) -> Viewer:
+        """Add a viewer, which gets every block and drops the oldest blocks if it is too slow.
+
+        Parameters
+        ----------
+        maximum : int
+            Largest number of waiting blocks.
+        before_s : float
+            It first gets the kept blocks that ended at most this time before the newest one, s.
+        complete : bool
+            Whether acquisition waits for it in fast simulated time, where nobody is in a hurry.
+        """
+        with self._release_lock:
+            failure = self._release()
+            begin_s = self._past[-1].stop_s - before_s if self._past else 0.0
+            past = [block for block in self._past if block.stop_s > begin_s + 1e-9]
+            viewer = Viewer(maximum + len(past), complete and self._clock.fast)
+            for block in past:
+                viewer.put(block)
+            with self._lock:
+                self._viewers = (*self._viewers, viewer)
+        self._raise_alarm(failure)
         return viewer
 
     def remove_viewer(self, viewer: Viewer) -> None:
         """Send no more blocks to this viewer."""
+        viewer.close()
         with self._lock:
             self._viewers = tuple(kept for kept in self._viewers if kept is not viewer)
 

@@ -135,9 +135,13 @@ def fault_of(record: Record) -> SignalFaultKind:
 
 @dataclass(eq=False)
 class Viewer:
-    """Bounded queue of blocks for a viewer: it drops the oldest blocks and counts them."""
+    """Bounded queue of blocks for a viewer: it drops the oldest blocks and counts them.
+
+    `waits` lets acquisition wait for room instead, for fast simulated time only.
+    """
 
     maximum: int = 100
+    waits: bool = False
     dropped: int = 0
     _blocks: deque[Block] = field(default_factory=deque)
     _condition: threading.Condition = field(default_factory=threading.Condition)
@@ -145,15 +149,25 @@ class Viewer:
     def put(self, block: Block) -> None:
         """Add a block (called by acquisition)."""
         with self._condition:
+            if self.waits:
+                self._condition.wait_for(lambda: len(self._blocks) < self.maximum or not self.waits)
             if len(self._blocks) >= self.maximum:
                 self._blocks.popleft()
                 self.dropped += 1
             self._blocks.append(block)
-            self._condition.notify()
+            self._condition.notify_all()
 
     def get(self, timeout_s: float = 1.0) -> Block | None:
         """Return the oldest waiting block; None if none arrives in time."""
         with self._condition:
+            self._condition.wait_for(lambda: self._blocks, timeout_s)
             if not self._blocks:
-                self._condition.wait(timeout_s)
-            return self._blocks.popleft() if self._blocks else None
+                return None
+            self._condition.notify_all()
+            return self._blocks.popleft()
+
+    def close(self) -> None:
+        """Let acquisition wait no longer."""
+        with self._condition:
+            self.waits = False
+            self._condition.notify_all()

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torquebench.bench.prompts import PromptQueue, QueuedOperator
-from torquebench.campaign.measuring import OnPause, RunAbortedError
+from torquebench.campaign.measuring import RunAbortedError
 from torquebench.cli.compiling import telling_compilation
 from torquebench.cli.recovered import tell_recovered, tell_warnings
 from torquebench.cli.terminal.console import note, say, stderr_console
@@ -44,18 +45,22 @@ class BenchSession:
     yes: bool
 
     @contextlib.contextmanager
-    def measuring(self, *, may_pause: bool = True) -> Iterator[tuple[TerminalProgress, OnPause]]:
+    def measuring(
+        self, *, may_pause: bool = True, finishing: threading.Event | None = None
+    ) -> Iterator[tuple[TerminalProgress, BenchInterrupts]]:
         """Show progress and warnings, and handle keys and Ctrl-C, until the block ends.
 
         Parameters
         ----------
         may_pause : bool
             False if starting again loses nothing; Ctrl-C then aborts.
+        finishing : threading.Event, optional
+            Set by the first Ctrl-C in the place of an abort.
 
         Yields
         ------
         progress : TerminalProgress
-        on_pause : callable
+        interrupts : BenchInterrupts
             Asks whether a paused run continues.
 
         Raises
@@ -64,7 +69,9 @@ class BenchSession:
             The run was aborted; a message states the folder of its data.
         """
         progress = TerminalProgress()
-        interrupts = BenchInterrupts(self.station, progress, may_pause=may_pause)
+        interrupts = BenchInterrupts(
+            self.station, progress, may_pause=may_pause, finishing=finishing
+        )
         try:
             with (
                 progress,
@@ -73,7 +80,7 @@ class BenchSession:
                 interrupts.watching(),
                 answering(self.prompts, progress, yes=self.yes),
             ):
-                yield progress, interrupts.ask
+                yield progress, interrupts
         except RunAbortedError as aborted:
             raise interrupts.reported(aborted) from None
 

@@ -363,8 +363,15 @@ def run_on_bench(session: BenchSession, operation: Operation, request: Request) 
     tell_doubts(_doubts(operation, place, request))
     if operation.loads and not (session.yes or station.description.simulated):
         _confirm(place, operation, request)
-    with session.measuring(may_pause=operation.can_pause) as (progress, ask):
-        return operation.run(dataclasses.replace(place, on_pause=ask), request, progress)
+    finishing = place.finishing if operation.can_finish else None
+    with session.measuring(may_pause=operation.can_pause, finishing=finishing) as (
+        progress,
+        interrupts,
+    ):
+        place = dataclasses.replace(
+            place, on_pause=interrupts.ask, cancelled=lambda: interrupts.abort_reason
+        )
+        return operation.run(place, request, progress)
 
 
 def _confirm(place: Place, operation: Operation, request: Request) -> None:

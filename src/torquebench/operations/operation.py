@@ -518,6 +518,8 @@ class Operation:
         Whether the panel's user needs the command of the bench; always true for movements.
     activates : bool
         Whether it may change the active models.
+    beside : bool
+        Whether it only listens to the bench: it runs beside jobs and without the command.
     can_pause, can_finish : bool
         Whether it can be paused, and whether a person can finish it early.
     begins : bool
@@ -543,6 +545,7 @@ class Operation:
     exclusive: bool = False
     commands: bool = False
     activates: bool = False
+    beside: bool = False
     can_pause: bool = False
     can_finish: bool = False
     begins: bool = False

@@ -116,7 +116,7 @@ class Place:
     finishing : threading.Event
         Set when a person wants the operation to end and return its result.
     cancelled : callable
-        Returns whether a person has aborted the operation.
+        Returns who or what has aborted the operation; empty while it goes on.
     may : callable
         Returns whether the person has a role.
     people : callable
@@ -132,14 +132,14 @@ class Place:
     compute: Callable[..., Any] = compute_here
     remarks: list[str] = field(default_factory=list)
     finishing: Event = field(default_factory=Event)
-    cancelled: Callable[[], bool] = lambda: False
+    cancelled: Callable[[], str] = str
     may: Callable[[Role], bool] = lambda _role: True
     people: Callable[[], Iterable[str]] = tuple
 
     def check(self) -> None:
         """Raise `EndedError` if an abort was requested."""
-        if self.cancelled():
-            raise EndedError("the operation was ended")
+        if reason := self.cancelled():
+            raise EndedError(reason)
 
     def run_options(
         self,

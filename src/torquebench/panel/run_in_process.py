@@ -29,7 +29,7 @@ def run_in_process(
     function: Callable[..., Result],
     *arguments: Any,
     progress: Progress = NO_PROGRESS,
-    cancelled: Callable[[], bool] = lambda: False,
+    cancelled: Callable[[], str] = str,
     folder: Path | None = None,
 ) -> Result:
     """Call a function in a separate process and wait for its result.
@@ -43,7 +43,7 @@ def run_in_process(
     progress : Progress
         Receives the function's progress.
     cancelled : callable
-        Called every 0.2 s; True ends the process.
+        Called every 0.2 s; returns why the process ends, or an empty text.
     folder : path, optional
         The process's working directory, with foreign files: memory and processor time are limited.
 
@@ -68,8 +68,8 @@ def run_in_process(
     there.close()
     try:
         while True:
-            if cancelled():
-                raise EndedError("the computation was ended")
+            if reason := cancelled():
+                raise EndedError(reason)
             if not here.poll(POLL_INTERVAL_S):
                 continue
             try:

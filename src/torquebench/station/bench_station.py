@@ -36,7 +36,7 @@ from torquebench.records.runs.time_check import clock_behind
 from torquebench.station.bench_lock import BenchLock
 from torquebench.station.engine import BenchEngine, Plan
 from torquebench.station.matching import compensation_for
-from torquebench.station.recording import Recording, RunEnd, RunRecord
+from torquebench.station.recording import OpenRun, Recording, RunEnd, RunRecord
 from torquebench.station.registration import register_equipment
 from torquebench.station.registry_queue import RegistryQueue
 from torquebench.station.unfinished import RecoveredRun, recover_unfinished
@@ -301,7 +301,6 @@ class Station:
         metadata: Mapping[str, Any] | None = None,
         progress: Progress = NO_PROGRESS,
         on_pause: OnPause | None = None,
-        before_s: float = 0.0,
         files: Callable[[], Mapping[str, bytes]] = dict,
     ) -> RunRecord:
         """Run a plan to its end and record it in a run folder.
@@ -321,8 +320,6 @@ class Station:
         on_pause : callable, optional
             Called on the calling thread at a pause; returns how to continue. Without it, a paused
             run waits for `resume` or `abort`.
-        before_s : float
-            Time before the start whose data are recorded, too, s; see `Acquisition.remember`.
         files : callable, optional
             Returns additional files of the run by name. They are written at the end of the plan
             before the results, even if the plan failed.
@@ -345,9 +342,7 @@ class Station:
                     "another run is in progress", "one run at a time", "wait for it, or abort it"
                 )
             try:
-                return self._run(
-                    plan, kind, dict(metadata or {}), progress, on_pause, before_s, files
-                )
+                return self._run(plan, kind, dict(metadata or {}), progress, on_pause, files)
             finally:
                 self._run_lock.release()
         finally:
@@ -361,22 +356,12 @@ class Station:
         metadata: dict[str, Any],
         progress: Progress,
         on_pause: OnPause | None,
-        before_s: float,
         files: Callable[[], Mapping[str, bytes]],
     ) -> RunRecord:
         self.supervisor.raise_if_latched()
         started_s = self.clock.now()
         alarms_before = len(self.supervisor.history)
-        recording = Recording(
-            self.devices.context,
-            self.registry,
-            self.queue,
-            self.audit,
-            self.data_dir / "runs",
-            kind,
-            metadata,
-            before_s=before_s,
-        )
+        recording = Recording(self.open_run(kind, metadata), self.devices.context, self.audit)
         writer = recording.writer
         self.engine.progress = progress
         self.engine.attend = lambda: self._attend(on_pause)
@@ -420,6 +405,11 @@ class Station:
             alarms=self.supervisor.history[alarms_before:],
             metadata=recording.known,
         )
+
+    def open_run(self, kind: str, metadata: Mapping[str, Any]) -> OpenRun:
+        """Make the folder of a run, and enter its beginning into the registry."""
+        runs = self.data_dir / "runs"
+        return OpenRun(self.devices.context, self.registry, self.queue, runs, kind, metadata)
 
     def _finish(self, recording: Recording, status: RunEnd, reason: str) -> None:
         """Bring the bench to rest, end the recording, seal the folder and register the run."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from math import ceil
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,11 +17,11 @@ from torquebench.message import Message
 from torquebench.records import Registry, RunFolder, RunLock
 from torquebench.records.accounts import Accounts
 from torquebench.records.signatures import Signature
-from torquebench.station.journal import WAITING_BLOCKS, QueuedJournal, RunJournal
+from torquebench.station.journal import QueuedJournal, RunJournal
 from torquebench.station.registration import run_metadata
 from torquebench.station.registry_queue import RegistryQueue
 
-__all__ = ["LONGEST_BEFORE_S", "ExitStatus", "Recording", "RunEnd", "RunRecord"]
+__all__ = ["LONGEST_BEFORE_S", "ExitStatus", "OpenRun", "Recording", "RunEnd", "RunRecord"]
 
 LONGEST_BEFORE_S = 60.0
 """Longest time before a run whose data can be recorded with it, s."""
@@ -69,8 +68,8 @@ class RunRecord:
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
 
-class Recording:
-    """Records one run from its first block until its folder is sealed.
+class OpenRun:
+    """The folder of a run that is being recorded: locked, and entered into the registry.
 
     Parameters
     ----------
@@ -79,14 +78,11 @@ class Recording:
         Registry whose chain end is noted in the folder; only the queue writes to it.
     queue : RegistryQueue
         Enters the run into the registry at its start and end.
-    audit : AuditLog
     runs : pathlib.Path
         Folder of all runs.
     kind : str
     metadata : mapping
         Metadata of the run in addition to the bench's.
-    before_s : float
-        Time before the start whose data are recorded, too, if available, s.
     """
 
     def __init__(
@@ -94,21 +90,16 @@ class Recording:
         context: BenchContext,
         registry: Registry,
         queue: RegistryQueue,
-        audit: AuditLog,
         runs: Path,
         kind: str,
         metadata: Mapping[str, Any],
-        *,
-        before_s: float = 0.0,
     ) -> None:
-        self._context = context
-        self._queue = queue
-        self._audit = audit
+        self._context, self._queue, self.kind = context, queue, kind
         head = str(registry.known_head)  # links the folder to all earlier records
         signature = metadata.get("signature") or Signature.typed()
-        operator = str(metadata.get("operator", ""))
-        if operator != signature.who:  # a typed name, not the user who is logged in
-            Accounts.of(registry.root).refuse_typed(operator, signature)
+        self.operator = str(metadata.get("operator", ""))
+        if self.operator != signature.who:  # a typed name, not the user who is logged in
+            Accounts.of(registry.root).refuse_typed(self.operator, signature)
         self.known: dict[str, Any] = {
             **run_metadata(context),
             "registry_head": head,
@@ -122,21 +113,60 @@ class Recording:
             self.writer.discard()
             raise
         queue.enter(self.writer.path)
-        audit.begin_run(self.writer.run_id, operator, self.writer.path)
-        audit.write("run begins", kind=kind, side=str(self.known.get("side", "")))
-        described = context.description
-        readout = context.drivers.reference is not None
+
+    def journal(self) -> RunJournal:
+        """Return the writer of its samples."""
+        described = self._context.description
+        readout = self._context.drivers.reference is not None
         signals = {
             name: transducer.scale().column
             for name in CHANNELS
             if (transducer := described_transducer(name, described, "calibrator", readout))
         }
-        edges = described.recording.edges
-        journal = RunJournal(self.writer, described.temperatures, signals, edges=edges)
+        return RunJournal(
+            self.writer, described.temperatures, signals, edges=described.recording.edges
+        )
+
+    def seal(self, status: RunEnd, reason: str) -> None:
+        """Seal the folder and queue it; if that fails, the next start of torquebench seals it."""
+        try:
+            self.writer.seal(status, reason)
+        except (OSError, InputError) as error:
+            what = getattr(error, "strerror", None) or error
+            raise RecordError(
+                Message("{run} can't be sealed ({error})", self.writer.path, what),
+                "space on a working disk",
+                "make room on the disk; all measured data are kept, and are sealed at "
+                "the next start",
+            ) from error
+        self._queue.enter(self.writer.path)
+        self._queue.settle()
+
+    def release(self) -> None:
+        """Unlock the folder. A second call does nothing."""
+        self._hold.release()
+
+
+class Recording:
+    """Records the run of a plan from its first block until its folder is sealed.
+
+    Parameters
+    ----------
+    run : OpenRun
+    context : BenchContext
+    audit : AuditLog
+    """
+
+    def __init__(self, run: OpenRun, context: BenchContext, audit: AuditLog) -> None:
+        self._context, self._audit, self._run = context, audit, run
+        self.writer, self.known = run.writer, run.known
+        audit.begin_run(self.writer.run_id, run.operator, self.writer.path)
+        side = str(self.known.get("side", ""))
+        audit.write("run begins", kind=run.kind, side=side)
+        journal = run.journal()
         # In fast simulated time acquisition waits for the disk, in real time it doesn't.
-        past = ceil(before_s / described.counter.block_s)  # acquisition doesn't wait for the disk
-        self._queued = None if context.clock.fast else QueuedJournal(journal, WAITING_BLOCKS + past)
-        context.acquisition.set_journal(self._queued or journal, before_s=before_s)
+        self._queued = None if context.clock.fast else QueuedJournal(journal)
+        context.acquisition.set_journal(self._queued or journal)
 
     def document(self, name: str, document: dict[str, Any]) -> None:
         """Write a document; stop the bench if that fails."""
@@ -170,27 +200,12 @@ class Recording:
                 lost = None
             self._audit.write("run ends", status=status, reason=reason)
             self._audit.end_run()
-            self._seal(status, reason)
-            self._queue.enter(self.writer.path)
-            self._queue.settle()
+            self._run.seal(status, reason)
             if lost is not None:
                 raise lost
         finally:
             self._audit.end_run()
-            self._hold.release()
-
-    def _seal(self, status: RunEnd, reason: str) -> None:
-        """Seal the folder; if that fails, the next start of torquebench seals it."""
-        try:
-            self.writer.seal(status, reason)
-        except (OSError, InputError) as error:
-            what = getattr(error, "strerror", None) or error
-            raise RecordError(
-                Message("{run} can't be sealed ({error})", self.writer.path, what),
-                "space on a working disk",
-                "make room on the disk; all measured data are kept, and are sealed at "
-                "the next start",
-            ) from error
+            self._run.release()
 
     def _flush(self) -> RecordError | None:
         """Wait until every block is written; if that fails, stop the bench and return the error."""

@@ -157,32 +157,35 @@ def test_the_journal_gets_every_block_in_order(bench: LowBench) -> None:
     assert journal.indices == list(range(2, 22))
 
 
-def test_a_journal_may_begin_before_it_is_set(bench: LowBench) -> None:
-    journal, late = Journal(), Journal()
+def test_a_viewer_may_begin_before_it_is_added(bench: LowBench) -> None:
     bench.acquisition.remember(0.5)
     bench.clock.wait_until(2.0)
-    bench.acquisition.set_journal(journal, before_s=0.3)
+    viewer = bench.acquisition.add_viewer(before_s=0.3)
     bench.clock.wait(0.2)
-    bench.acquisition.set_journal(late, before_s=9.0)
-    bench.acquisition.set_journal(None)
-    indices = journal.indices
-    assert indices == list(range(indices[0], indices[0] + len(indices)))
-    assert len(indices) == 6 + 4  # blocks of 50 ms
-    assert len(late.blocks) >= 10  # all that is remembered
-    assert not any(block.edges for block in late.blocks)
+    late = bench.acquisition.add_viewer(before_s=9.0)
+    blocks = [block for _ in range(len(viewer._blocks)) if (block := viewer.get(0.0))]
+    assert blocks[0].start_s <= 1.7 + 1e-9
+    assert blocks[-1].stop_s >= 2.2 - 1e-9
+    for before, after in pairwise(blocks):
+        assert after.follows(before)
+    remembered = [block for _ in range(len(late._blocks)) if (block := late.get(0.0))]
+    assert sum(block.stop_s - block.start_s for block in remembered) >= 0.5 - 1e-9
+    assert not any(block.edges for block in remembered)
 
 
-def test_a_journal_that_fails_on_the_past_raises_the_alarm_too(bench: LowBench) -> None:
-    journal = Journal()
-    journal.full = True
-    bench.acquisition.remember(0.5)
-    bench.load_output(500.0)
-    bench.clock.wait(0.3)
-    bench.acquisition.set_journal(journal, before_s=0.3)
-    assert bench.supervisor.wait_safe(60.0)
-    alarm = bench.supervisor.alarm
-    assert alarm is not None
-    assert alarm.kind.value == "journal failed"
+def test_a_complete_viewer_misses_nothing_in_fast_time(bench: LowBench) -> None:
+    viewer = bench.acquisition.add_viewer(2, complete=True)
+    bench.clock.require(2.0)
+    blocks = []
+    while not blocks or blocks[-1].stop_s < 2.0 - 1e-9:
+        block = viewer.get(60.0)
+        assert block is not None
+        blocks.append(block)
+    assert viewer.dropped == 0
+    assert all(after.follows(before) for before, after in pairwise(blocks))
+    bench.clock.require(4.0)
+    bench.acquisition.remove_viewer(viewer)  # acquisition waits for nobody who has gone
+    bench.clock.wait_until(4.0)
 
 
 def test_a_failing_journal_brings_the_bench_to_its_safe_state(bench: LowBench) -> None:

@@ -516,7 +516,7 @@ def test_a_computation_aside_returns_reports_refuses_and_ends() -> None:
         run_in_process(refusing)
     assert refused.value.found.template == "{what} found"
     with pytest.raises(EndedError):
-        run_in_process(endless, cancelled=lambda: True)
+        run_in_process(endless, cancelled=lambda: "aborted by Ann")
 
 
 def test_the_remaining_time_of_a_stage_follows_from_its_steps() -> None:

@@ -13,15 +13,18 @@ from hypothesis import strategies as st
 from torquebench.errors import InputError
 from torquebench.operations.recording import crossing
 from torquebench.panel.service import Actor, BenchService, BusyError, JobView
+from torquebench.records import RunFolder
 
 CHIEF = Actor("Chief", "administrator", "chief")
 BEN = Actor("ben", "operator", "client-1", "client")
+ANN = Actor("ann", "operator", "client-2", "client")
 
 
 @pytest.fixture
 def service(tmp_path: Path) -> Iterator[BenchService]:
     with BenchService.open(None, tmp_path, fast=True) as found:
         found.clients.add(CHIEF, BEN.name, BEN.role)
+        found.clients.add(CHIEF, ANN.name, ANN.role)
         yield found
 
 
@@ -63,6 +66,47 @@ def test_a_recording_goes_on_until_it_is_finished(service: BenchService) -> None
     with pytest.raises(BusyError, match="can't be finished"):
         service.jobs.finish(BEN, zero.job_id)
     assert until(service, zero).state == "done"
+
+
+def test_recordings_and_jobs_of_the_bench_run_beside_each_other(service: BenchService) -> None:
+    """A waiting trigger blocked every test, and a test every recording."""
+    trigger = {"signal": "output_raw_nm", "level": 1900.0}
+    waiting = service.jobs.start(BEN, "record", {"name": "overload", "trigger": trigger})
+    calibration = {"side": "output", "profile": "small-torques", "up_to_nm": 60.0}
+    job = service.jobs.start(BEN, "calibrate", calibration)
+    during = service.jobs.start(ANN, "record", {"name": "during it"})  # and without the command
+    until(service, during, "Recording")
+    assert [view.title for view in service.jobs.beside] == [
+        "Recording overload",
+        "Recording during it",
+    ]
+    assert until(service, job).state == "done"
+    service.jobs.finish(BEN, during.job_id)
+    during = until(service, during)
+    assert during.result is not None
+    raw = RunFolder.open(service.data_dir / "runs" / during.result.run_ids[0]).raw()
+    np.testing.assert_allclose(np.diff(raw.columns["time_s"]), 0.01, atol=1e-6)  # nothing missed
+    assert np.nanmax(np.abs(raw.columns["output_torque_nm"])) > 40.0  # the calibration's load
+    assert until(service, waiting, "Waiting for the trigger").open
+    with pytest.raises(BusyError, match="Recording overload is under way"), service.jobs.idle():
+        pass
+    service.jobs.abort(BEN, waiting.job_id)
+    waiting = until(service, waiting)
+    assert waiting.state == "aborted"
+    assert waiting.problem is not None
+    assert "aborted by ben" in waiting.problem.found
+    assert service.jobs.beside == []
+
+
+def test_no_more_recordings_than_the_disk_takes(service: BenchService) -> None:
+    views = [service.jobs.start(BEN, "record", {"name": f"{number}"}) for number in range(4)]
+    with pytest.raises(BusyError, match="4 recordings"):
+        service.jobs.start(BEN, "record", {"name": "5"})
+    for view in views:
+        service.jobs.abort(BEN, view.job_id, "enough")
+    ended = [until(service, view) for view in views]
+    assert {view.state for view in ended} == {"aborted"}
+    assert all("enough" in view.problem.found for view in ended if view.problem)
 
 
 def test_what_came_before_the_trigger_is_recorded_without_a_gap(service: BenchService) -> None:

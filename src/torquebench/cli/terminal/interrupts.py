@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from types import FrameType
-from typing import TYPE_CHECKING, Literal, NoReturn
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
@@ -38,19 +38,29 @@ class BenchInterrupts:
         Progress bars, which pause during a question.
     may_pause : bool
         False if starting again loses nothing; Ctrl-C then aborts at a terminal, too.
+    finishing : threading.Event, optional
+        Set by the first Ctrl-C in the place of an abort, for an operation without an end.
 
     Attributes
     ----------
     signal : signal.Signals or None
         The last signal received.
+    abort_reason : str
+        The signal that ends the operation; empty without one.
     """
 
     def __init__(
-        self, station: Station, progress: TerminalProgress, *, may_pause: bool = True
+        self,
+        station: Station,
+        progress: TerminalProgress,
+        *,
+        may_pause: bool = True,
+        finishing: threading.Event | None = None,
     ) -> None:
-        self._station = station
+        self._station, self._finishing = station, finishing
         self._progress = progress
         self.signal: signal.Signals | None = None
+        self.abort_reason = ""
         station.interrupt_action = "pause" if may_pause and self.interactive else "abort"
 
     @property
@@ -94,7 +104,10 @@ class BenchInterrupts:
         note(f"The bench is without torque. Kept so far: {aborted.record.folder}")
         return typer.Exit(INTERRUPTED if self.signal == signal.SIGINT else CHECK_FAILED)
 
-    def _on_interrupt(self, _number: int, _frame: FrameType | None) -> NoReturn:
+    def _on_interrupt(self, _number: int, _frame: FrameType | None) -> None:
+        if self._finishing is not None and not self._finishing.is_set():
+            self._finishing.set()
+            return
         if self._station.interrupt_action == "pause" and self.signal is None:
             self._progress.say("Pausing at the next point; Ctrl-C again aborts.")
         self.signal = signal.SIGINT
@@ -102,10 +115,11 @@ class BenchInterrupts:
 
     def _on_termination(self, number: int, _frame: FrameType | None) -> None:
         self.signal = signal.Signals(number)
+        self.abort_reason = f"{self.signal.name} from the system"
         # In another thread: the main thread may hold the run engine's locks.
         threading.Thread(
             target=self._station.abort,
-            args=(f"{self.signal.name} from the system",),
+            args=(self.abort_reason,),
             name="torquebench-termination",
             daemon=True,
         ).start()

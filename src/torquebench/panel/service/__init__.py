@@ -29,7 +29,7 @@ Command lease (`lease`): one session commands, others watch
       force=False)`, `give_back(actor)`, `may_take(actor)` -> (bool, reason). Commands renew it; a
       command takes a free lease.
 
-Work: operations, as jobs one at a time, which needs the lease, or at once
+Work: operations, as jobs one at a time, which needs the lease, as recordings beside it, or at once
     - `jobs.preview(name, request)` -> `Preview` (steps, duration, limits; nothing moves).
     - `start(actor, name, request, bench_clear=, password=)` -> `JobView`; `perform(actor, name,
       request, password=)` -> `Result` of a quick operation. Names, requests and results are those

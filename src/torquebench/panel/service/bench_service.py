@@ -526,7 +526,7 @@ class BenchService:
 
     def unfinished(self) -> list[UnfinishedView]:
         """Return unfinished runs, the oldest first."""
-        if self.jobs.busy:  # the running job would be listed, too
+        if self.jobs.busy or self.jobs.beside:  # the running job would be listed, too
             return []
         return self.records.unfinished()
 

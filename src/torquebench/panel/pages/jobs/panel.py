@@ -70,7 +70,10 @@ class JobProgress:
 
 
 class JobControls:
-    """The buttons that pause, finish and abort a job, for the holder of the command lease."""
+    """The buttons that pause, finish and abort a job, for whoever may press them.
+
+    For a job of the bench that is the holder of the command lease, for a recording any operator.
+    """
 
     def __init__(self, visitor: Visitor) -> None:
         self._visitor, self._text = visitor, visitor.text
@@ -79,14 +82,16 @@ class JobControls:
 
     def refresh(self, job: JobView) -> None:
         """Update the buttons to the possible actions."""
-        shown = (job.job_id, job.state, job.can_finish, self._visitor.commands)
+        may = self._visitor.has_role("operator") if job.beside else self._visitor.commands
+        shown = (job.job_id, job.state, job.can_finish, may)
         if shown == self._shown:
             return
         self._shown = shown
         text, number = self._text, job.job_id
         self._frame.clear()
-        if not (job.open and self._visitor.commands):
+        if not (job.open and may):
             return
+        explained = text("record.abort_explained" if job.beside else "job.abort_explained")
         with self._frame:
             if job.can_pause and job.state == "running":
                 button(text("job.pause"), lambda: self._ask("pause", number), picture="pause")
@@ -105,18 +110,23 @@ class JobControls:
                     picture="stop_circle",
                 )
             if job.state != "aborting":
-                button(text("job.abort"), lambda: self._abort(number), "danger", picture="close")
+                button(
+                    text("job.abort"),
+                    lambda: self._abort(number, explained),
+                    "danger",
+                    picture="close",
+                )
 
     def _ask(self, what: str, number: str) -> None:
         self._visitor.act(getattr(self._visitor.service.jobs, what), number)
 
-    def _abort(self, number: str) -> None:
+    def _abort(self, number: str, explained: str) -> None:
         visitor, text = self._visitor, self._text
 
         def abort(_: str) -> bool:
             return visitor.act(visitor.service.jobs.abort, number)
 
-        ask(text, text("job.abort"), text("job.abort_explained"), abort, danger=True)
+        ask(text, text("job.abort"), explained, abort, danger=True)
 
 
 class JobPanel:

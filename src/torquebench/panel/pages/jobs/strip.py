@@ -13,38 +13,21 @@ from torquebench.panel.service import EndedJob, JobView
 __all__ = ["JobStrip"]
 
 
-class JobStrip:
-    """Shows the running job unless the page itself does; refreshed after the page."""
+class _Row:
+    """An open job in the strip."""
 
     def __init__(self, visitor: Visitor) -> None:
-        self._visitor, self._text = visitor, visitor.text
+        self._text = visitor.text
         self._shown: tuple[Any, ...] = ()
-        self._told: set[str] = set()
-        self._ended = -1
-        with box("aside", "job-strip", aria_label=visitor.text("job.under_way")) as self._frame:
+        with box("div", "row") as self.frame:
             with box("div", "what"):
                 self._title = words("strong", "")
                 self._stage = words("div", "", "small number")
                 self._progress = JobProgress(visitor.text)
             self._controls = JobControls(visitor)
-        self._frame.set_visibility(False)
 
-    def refresh(self) -> None:
-        """Update the strip to the present jobs."""
-        jobs = self._visitor.service.jobs
-        self._follow(jobs.current)
-        # The server keeps a page for some seconds after it was left, and nobody reads its messages.
-        if jobs.ended != self._ended and self._frame.client.has_socket_connection:
-            self._ended = jobs.ended
-            self._tell()
-
-    def _follow(self, job: JobView | None) -> None:
-        if job is not None and job.job_id in self._visitor.shown_jobs:
-            job = None
-        self._frame.set_visibility(job is not None)
-        if job is None:
-            self._shown = ()
-            return
+    def refresh(self, job: JobView) -> None:
+        """Show the job's present state."""
         text = self._text
         shown = (job.job_id, job.state, job.stage, job.done, job.total, job.detail)
         if shown == self._shown:
@@ -55,6 +38,40 @@ class JobStrip:
         self._stage.set_text(stage_words(text, job))
         self._progress.refresh(job)
         self._controls.refresh(job)
+
+
+class JobStrip:
+    """Shows the open jobs that the page itself doesn't show; refreshed after the page."""
+
+    def __init__(self, visitor: Visitor) -> None:
+        self._visitor, self._text = visitor, visitor.text
+        self._rows: dict[str, _Row] = {}
+        self._told: set[str] = set()
+        self._ended = -1
+        self._frame = box("aside", "job-strip", aria_label=visitor.text("job.under_way"))
+        self._frame.set_visibility(False)
+
+    def refresh(self) -> None:
+        """Update the strip to the present jobs."""
+        jobs = self._visitor.service.jobs
+        current = jobs.current
+        self._follow([*jobs.beside, *([] if current is None else [current])])
+        # The server keeps a page for some seconds after it was left, and nobody reads its messages.
+        if jobs.ended != self._ended and self._frame.client.has_socket_connection:
+            self._ended = jobs.ended
+            self._tell()
+
+    def _follow(self, jobs: list[JobView]) -> None:
+        shown = {job.job_id: job for job in jobs if job.job_id not in self._visitor.shown_jobs}
+        for number in [*self._rows]:
+            if number not in shown:
+                self._rows.pop(number).frame.delete()
+        for number, job in shown.items():
+            if number not in self._rows:
+                with self._frame:
+                    self._rows[number] = _Row(self._visitor)
+            self._rows[number].refresh(job)
+        self._frame.set_visibility(bool(shown))
 
     def _tell(self) -> None:
         """Show results of the user's jobs until they are dismissed."""

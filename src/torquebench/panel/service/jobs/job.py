@@ -121,6 +121,8 @@ class JobView:
     started_by : str
     state : {"running", "pausing", "paused", "aborting", "done", "failed", "aborted"}
     can_pause : bool
+    beside : bool
+        Whether it is a recording, which leaves the bench to other jobs.
     can_finish : bool
         Whether it runs until a user finishes it.
     stage : str
@@ -149,6 +151,7 @@ class JobView:
     started_by: str
     started: datetime
     can_pause: bool
+    beside: bool = False
     can_finish: bool = False
     state: JobState = "running"
     stage: str = ""
@@ -236,7 +239,9 @@ class Job:
     ) -> None:
         self.operation, self.request, self.actor, self.signed = operation, request, actor, signed
         self.points = Points()
-        self.cancelled, self.finishing, self.ended = (threading.Event() for _ in range(3))
+        self.finishing, self.ended = threading.Event(), threading.Event()
+        self.abort_reason = ""
+        """Who or what has aborted it; empty while it goes on."""
         self._state = JobView(
             job_id=secrets.token_hex(6),
             kind=operation.key,
@@ -245,6 +250,7 @@ class Job:
             started_by=actor.label,
             started=datetime.now(UTC),
             can_pause=operation.can_pause,
+            beside=operation.beside,
             can_finish=operation.can_finish,
         )
         self._lock = threading.RLock()

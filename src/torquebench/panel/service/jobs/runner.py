@@ -1,4 +1,4 @@
-"""The job runner: runs one job at a time, each on a separate thread."""
+"""The job runner: one job at a time on the bench, and recordings beside it, each on a thread."""
 
 from __future__ import annotations
 
@@ -49,6 +49,8 @@ __all__ = ["JobRunner", "perform_on_files", "require_person"]
 
 KEPT = 20
 ABORT_POLL_S = 0.1
+MOST_BESIDE = 4
+"""Recordings at a time, beside a job: each occupies a thread and the disk."""
 MOST_AT_ONCE = 4
 """Operations on files at a time, beside a job: each occupies a thread and a process."""
 
@@ -102,7 +104,7 @@ class JobRunner:
         self._rehearsing = threading.Lock()
         self._jobs: OrderedDict[str, Job] = OrderedDict()
         self._current: Job | None = None
-        self._thread: threading.Thread | None = None
+        self._threads: list[threading.Thread] = []
         self._closed = False
         self.move(station)
 
@@ -127,9 +129,9 @@ class JobRunner:
             signature = actor.signed if signed else actor.signature
             place = replace(place, signature=signature, may=partial(allows, actor.role))
         if job is not None:
-            cancelled = job.cancelled.is_set
-            compute = partial(place.compute, cancelled=cancelled)
-            place = replace(place, finishing=job.finishing, cancelled=cancelled, compute=compute)
+            reason = partial(getattr, job, "abort_reason")
+            compute = partial(place.compute, cancelled=reason)
+            place = replace(place, finishing=job.finishing, cancelled=reason, compute=compute)
         return place
 
     def _perform(
@@ -220,12 +222,12 @@ class JobRunner:
         bench_clear: bool = False,
         signed: bool = False,
     ) -> JobView:
-        """Start a job.
+        """Start a job, or a recording beside it.
 
         Parameters
         ----------
         actor : Actor
-            Takes the command lease if it is free.
+            Takes the command lease if it is free; a recording doesn't need it.
         kind : str
             Name or key of an operation.
         request : mapping or Request
@@ -250,14 +252,15 @@ class JobRunner:
         require(actor, found.role)
         asked = _request(found, request)
         require_person(actor, asked)
-        self.command(actor)
-        self._refuse_busy()
+        if not found.beside:
+            self.command(actor)
+        self._refuse(found)
         if found.loads and not bench_clear:
             self.refuse_unconfirmed()
         if found.where != "files":
             found.doubts(self._place(actor, signed=signed), asked)
         with self._lock:
-            self._refuse_busy()
+            self._refuse(found)
             if found.moves:
                 self._station.supervisor.raise_if_latched()
             job = Job(found, asked, actor, signed=signed)
@@ -266,12 +269,14 @@ class JobRunner:
                 actor, "started a job", job_id=view.job_id, kind=view.kind, request=view.request
             )
             self.log.began(actor, view)
-            self._current = job
+            if not found.beside:
+                self._current = job
             self._keep(job)
-            self._thread = threading.Thread(
+            thread = threading.Thread(
                 target=self._work, args=(job,), name=f"job {found.name}", daemon=True
             )
-            self._thread.start()
+            self._threads = [*(each for each in self._threads if each.is_alive()), thread]
+            thread.start()
         return job.view()
 
     def refuse_unconfirmed(self) -> None:
@@ -289,8 +294,9 @@ class JobRunner:
 
     def _keep(self, job: Job) -> None:
         self._jobs[job.view().job_id] = job
-        while len(self._jobs) > KEPT:
-            self._jobs.popitem(last=False)
+        ended = [number for number, each in self._jobs.items() if each.ended.is_set()]
+        for number in ended[: max(0, len(self._jobs) - KEPT)]:
+            del self._jobs[number]
 
     def command(self, actor: Actor) -> None:
         """Take a free lease for an actor; raise an error if another session has it."""
@@ -308,6 +314,17 @@ class JobRunner:
                 "wait for it, or abort it",
             )
 
+    def _refuse(self, operation: Operation) -> None:
+        """Raise an error while the bench, or for a recording the disk, has enough to do."""
+        if not operation.beside:
+            self._refuse_busy()
+        elif len(self.beside) >= MOST_BESIDE or self._closed:
+            raise BusyError(
+                Message("{count} recordings are under way", len(self.beside)),
+                Message("{count} at a time", MOST_BESIDE),
+                "finish one of them",
+            )
+
     # -- working ----------------------------------------------------------------------------
 
     def _work(self, job: Job) -> None:
@@ -320,11 +337,12 @@ class JobRunner:
         except (RunAbortedError, EndedError) as error:
             state, problem = "aborted", Problem.of(error)
         except Exception as error:  # the panel continues after any error
-            state = "aborted" if job.cancelled.is_set() else "failed"
+            state = "aborted" if job.abort_reason else "failed"
             problem = Problem.of(error)
         with self._lock:  # whoever sees the end may start the next job
             job.end(state, problem=problem, result=result)
-            self._current = None
+            if self._current is job:
+                self._current = None
         view = job.view()
         self.log.ended(view)
         self.ended += 1
@@ -348,12 +366,19 @@ class JobRunner:
         return None if job is None else self._view(job)
 
     @property
+    def beside(self) -> list[JobView]:
+        """The open recordings, the oldest first."""
+        with self._lock:
+            jobs = [job for job in self._jobs.values() if job.operation.beside]
+        return [job.view() for job in jobs if not job.ended.is_set()]
+
+    @property
     def busy(self) -> bool:
-        """Whether a job is running."""
+        """Whether a job is running on the bench."""
         return self._current is not None
 
     def get(self, job_id: str) -> JobView:
-        """Return a job of the last twenty.
+        """Return an open job, or one of the last twenty.
 
         Raises
         ------
@@ -443,8 +468,8 @@ class JobRunner:
         return self._view(job)
 
     def _abort(self, job: Job, reason: str) -> None:
-        job.cancelled.set()
-        if job.change(("running", "pausing"), "aborting"):
+        job.abort_reason = job.abort_reason or reason
+        if job.change(("running", "pausing"), "aborting") and not job.operation.beside:
             self._station.abort(reason)
             threading.Thread(
                 target=self._abort_what_begins, args=(job, reason), name="job abort", daemon=True
@@ -476,7 +501,10 @@ class JobRunner:
 
     def _commanded(self, actor: Actor, job_id: str) -> tuple[Job, JobView]:
         job = self._job(job_id)
-        self.command(actor)
+        if job.operation.beside:
+            require(actor, job.operation.role)
+        else:
+            self.command(actor)
         view = job.view()
         if not view.open:
             raise BusyError(Message("{title} has ended", view.title), "a job under way")
@@ -489,24 +517,30 @@ class JobRunner:
         Raises
         ------
         BusyError
-            A job is under way.
+            A job or a recording is under way.
         """
         with self._lock:
             self._refuse_busy()
+            for recording in self.beside:
+                raise BusyError(
+                    Message("{title} is under way", recording.title),
+                    "no recording",
+                    "finish it, or abort it",
+                )
             yield
 
     def close(self) -> None:
-        """Abort the running job and wait for its end; refuse further jobs.
+        """Abort all running jobs and wait for their end; refuse further jobs.
 
         A second call waits until the first one has finished.
         """
         with self._lock:
             self._closed = True
-            job, thread = self._current, self._thread
+            jobs = [job for job in self._jobs.values() if not job.ended.is_set()]
             token, self._token = self._token, None
-        if job is not None:
+        for job in jobs:
             self._abort(job, "the panel is being closed")
-        if thread is not None:
+        for thread in self._threads:
             thread.join()
         if token is not None:
             self._station.engine.run_engine.unsubscribe(token)
