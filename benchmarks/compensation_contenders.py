@@ -2,8 +2,8 @@
 
 Every contender gets the same calibration and gives the torque at any reading, with a standard
 uncertainty where it has one. Other libraries are used as a careful user would: residual mapping
-(they learn standard − reading), columns scaled to unit variance, the branch as one more input where
-the library takes several, and enough iterations to converge.
+(they learn standard − reading), columns scaled to unit variance, branch and direction of the
+loading as further inputs where the library takes several, and enough iterations to converge.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import importlib.util
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from tests.support.chain_shapes import FloatArray
@@ -20,11 +20,22 @@ from tests.support.chains import CalibrationSet, Chain, known_form
 
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.fitting import fit_table
-from torquebench.compensation import RECOMMENDED, make_model
+from torquebench.compensation import RECOMMENDED, CompensationModel, make_model
 
 __all__ = ["DEFAULT", "Contender", "Prediction", "contenders"]
 
-Prediction = tuple[FloatArray, FloatArray | None]
+
+class Prediction(NamedTuple):
+    """Torque at readings, N·m, with standard uncertainties where the contender states any.
+
+    ``curve_std_nm`` is that of the curve, and ``scatter_nm`` what single readings add to it.
+    """
+
+    torque_nm: FloatArray
+    curve_std_nm: FloatArray | None = None
+    scatter_nm: FloatArray | None = None
+
+
 Predict = Callable[[FloatArray], Prediction]
 
 HIDDEN = 50
@@ -73,7 +84,7 @@ def contenders() -> list[Contender]:
     found = [
         Contender("known form", _known(nonlinear=False)),
         Contender("known form, constants unknown", _known(nonlinear=True), slow=True),
-        Contender("raw reading", lambda _chain, _data: lambda X: (X[:, 0], None)),
+        Contender("raw reading", lambda _chain, _data: lambda X: Prediction(X[:, 0])),
     ]
     found.append(Contender(DEFAULT, _default, own=True))
     found += [
@@ -110,9 +121,14 @@ def _own(kind: str, **parameters: Any) -> Callable[[Chain, CalibrationSet], Pred
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             model.fit(data.X, data.standard_nm)
-        return lambda X: model.predict(X, return_std=True)
+        return lambda X: _predicted(model, X)
 
     return fit
+
+
+def _predicted(model: CompensationModel, X: FloatArray) -> Prediction:
+    torque, std = model.predict(X[:, : model.n_features_in_], return_std=True)
+    return Prediction(torque, std, np.asarray(model.scatter_at(X[:, 0])))
 
 
 def _default(chain: Chain, data: CalibrationSet) -> Predict:
@@ -122,20 +138,20 @@ def _default(chain: Chain, data: CalibrationSet) -> Predict:
         reading, data.standard_nm, series.astype(np.int64), branch.astype(np.int8), chain.range_nm
     )
     model = fit_table(table, "benchmark").model
-    return lambda X: model.predict(X[:, : model.n_features_in_], return_std=True)
+    return lambda X: _predicted(model, X)
 
 
 def _known(nonlinear: bool) -> Callable[[Chain, CalibrationSet], Predict]:
     def fit(chain: Chain, data: CalibrationSet) -> Predict:
         fitted = known_form(chain, data, nonlinear=nonlinear)
-        return lambda X: (fitted.predict(X), None)
+        return lambda X: Prediction(fitted.predict(X))
 
     return fit
 
 
 @dataclass(frozen=True)
 class _Scaling:
-    """Columns and residual with zero mean and unit variance."""
+    """Reading, branch, direction and residual with zero mean and unit variance."""
 
     centre: FloatArray
     width: FloatArray
@@ -144,11 +160,11 @@ class _Scaling:
 
     @classmethod
     def of(cls, data: CalibrationSet) -> _Scaling:
-        inputs, target = data.X[:, :2], data.standard_nm - data.X[:, 0]
+        inputs, target = data.X, data.standard_nm - data.X[:, 0]
         return cls(inputs.mean(0), inputs.std(0), float(target.mean()), float(target.std()))
 
     def inputs(self, X: FloatArray) -> FloatArray:
-        return np.asarray((X[:, :2] - self.centre) / self.width)
+        return np.asarray((X - self.centre) / self.width)
 
     def target(self, data: CalibrationSet) -> FloatArray:
         residual = data.standard_nm - data.X[:, 0]
@@ -173,7 +189,7 @@ def _sklearn_network(_chain: Chain, data: CalibrationSet) -> Predict:
         random_state=0,
     )
     network.fit(scaling.inputs(data.X), scaling.target(data))
-    return lambda X: (scaling.torque(X, network.predict(scaling.inputs(X))), None)
+    return lambda X: Prediction(scaling.torque(X, network.predict(scaling.inputs(X))))
 
 
 def _sklearn_process(_chain: Chain, data: CalibrationSet) -> Predict:
@@ -181,7 +197,7 @@ def _sklearn_process(_chain: Chain, data: CalibrationSet) -> Predict:
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
     scaling = _Scaling.of(data)
-    kernel = ConstantKernel(1.0, (1e-3, 1e5)) * RBF([1.0, 1.0], (1e-2, 1e3))
+    kernel = ConstantKernel(1.0, (1e-3, 1e5)) * RBF([1.0, 1.0, 1.0], (1e-2, 1e3))
     process = GaussianProcessRegressor(kernel + WhiteKernel(1e-3, (1e-8, 1e1)), random_state=0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -191,7 +207,8 @@ def _sklearn_process(_chain: Chain, data: CalibrationSet) -> Predict:
     def predict(X: FloatArray) -> Prediction:
         mean, std = process.predict(scaling.inputs(X), return_std=True)
         curve = np.sqrt(np.maximum(std**2 - noise, 0.0))
-        return scaling.torque(X, mean), scaling.target_width * curve
+        scatter = np.full(mean.size, scaling.target_width * np.sqrt(noise))
+        return Prediction(scaling.torque(X, mean), scaling.target_width * curve, scatter)
 
     return predict
 
@@ -207,7 +224,7 @@ def _scipy_spline(_chain: Chain, data: CalibrationSet) -> Predict:
     )
     y = np.bincount(place, scaling.target(data)) / number
     spline = make_smoothing_spline(x, y, w=number.astype(np.float64))
-    return lambda X: (scaling.torque(X, spline(scaling.inputs(X)[:, 0])), None)
+    return lambda X: Prediction(scaling.torque(X, spline(scaling.inputs(X)[:, 0])))
 
 
 def _pyrenn(_chain: Chain, data: CalibrationSet) -> Predict:
@@ -215,11 +232,11 @@ def _pyrenn(_chain: Chain, data: CalibrationSet) -> Predict:
 
     scaling = _Scaling.of(data)
     np.random.seed(0)  # noqa: NPY002 - pyrenn draws its start from the global generator
-    network = pyrenn.CreateNN([2, HIDDEN, 1])
+    network = pyrenn.CreateNN([3, HIDDEN, 1])
     network = pyrenn.train_LM(
         scaling.inputs(data.X).T, scaling.target(data), network, k_max=100, E_stop=1e-8
     )
-    return lambda X: (scaling.torque(X, pyrenn.NNOut(scaling.inputs(X).T, network)), None)
+    return lambda X: Prediction(scaling.torque(X, pyrenn.NNOut(scaling.inputs(X).T, network)))
 
 
 def _torch(_chain: Chain, data: CalibrationSet) -> Predict:
@@ -229,7 +246,7 @@ def _torch(_chain: Chain, data: CalibrationSet) -> Predict:
     torch.manual_seed(0)
     torch.set_num_threads(1)
     network = torch.nn.Sequential(
-        torch.nn.Linear(2, HIDDEN), torch.nn.Tanh(), torch.nn.Linear(HIDDEN, 1)
+        torch.nn.Linear(3, HIDDEN), torch.nn.Tanh(), torch.nn.Linear(HIDDEN, 1)
     ).double()
     inputs, target = torch.tensor(scaling.inputs(data.X)), torch.tensor(scaling.target(data))
     optimiser = torch.optim.LBFGS(
@@ -248,6 +265,6 @@ def _torch(_chain: Chain, data: CalibrationSet) -> Predict:
     def predict(X: FloatArray) -> Prediction:
         with torch.no_grad():
             scaled = network(torch.tensor(scaling.inputs(X))).numpy()
-        return scaling.torque(X, scaled), None
+        return Prediction(scaling.torque(X, scaled))
 
     return predict

@@ -27,6 +27,13 @@ class Aim:
         """Return whether a value lies between the limits, which it may miss by `allowed`."""
         return self.low - allowed <= value <= self.high + allowed
 
+    @property
+    def largest_chance(self) -> float:
+        """Largest allowance for chance with which a figure can be judged."""
+        if np.isfinite(self.low) and np.isfinite(self.high):
+            return 0.5 * (self.high - self.low)
+        return 0.1 * abs(self.high if np.isinf(self.low) else self.low)
+
     def __str__(self) -> str:
         if np.isinf(self.low):
             return f"≤ {self.high:.3g}"
@@ -54,6 +61,7 @@ AIMS: Mapping[str, Mapping[str, Aim]] = {
         "RMS / bound, misspecified, 200 points": Aim(high=1.65),
         "default / best other kind": Aim(high=1.05),
         "coverage": COVERAGE,
+        "coverage of readings": COVERAGE,
         "default's intervals / shortest calibrated other's": Aim(high=1.0),
         "hybrid's fit / scikit-learn network's": Aim(high=1.0 / 3.0),
         "bayesian-network's fit / scikit-learn network's": Aim(high=2.0),
@@ -129,15 +137,21 @@ def judge(
 ) -> tuple[str, bool]:
     """Print figures with their aims; return the table as Markdown, and whether all aims are met.
 
-    A figure may miss its aim by its value in `allowed`, because of chance.
+    A figure may miss its aim by its value in `allowed`, because of chance; the table shows both.
+    Figures with too large an allowance for that (`Aim.largest_chance`) aren't judged.
     """
-    rows, all_met = [], True
+    rows, all_met, unjudged = [], True, 0
     for name, value in figures.items():
-        wanted = aim(benchmark, name)
-        met = wanted.met(value, (allowed or {}).get(name, 0.0))
+        wanted, chance = aim(benchmark, name), (allowed or {}).get(name, 0.0)
+        if chance > wanted.largest_chance:
+            unjudged += 1
+            continue
+        met = wanted.met(value, chance)
         all_met &= met
-        rows.append([name, f"{value:.3g}", str(wanted), "met" if met else "MISSED"])
-    return show(console, "Aims", ["", "measured", "aim", ""], rows), all_met
+        by_chance = f" ± {chance:.2g}" if chance else ""
+        rows.append([name, f"{value:.3g}", f"{wanted}{by_chance}", "met" if met else "MISSED"])
+    title = f"Aims ({unjudged} not judged: too few chains)" if unjudged else "Aims"
+    return show(console, title, ["", "measured", "aim", ""], rows), all_met
 
 
 def show(

@@ -117,6 +117,14 @@ class Chain:
         series = np.where(torque > 0, 1.0, 2.0)
         return DenseSet(np.column_stack([self.reading(torque, branch), branch, series]), torque)
 
+    def noisy(self, dense: DenseSet) -> FloatArray:
+        """Return the readings of a sweep with new noise, counted from a zero just taken."""
+        rng = np.random.default_rng([zlib.crc32(self.family.encode()), self.seed, 11])
+        x = dense.torque_nm / self.range_nm
+        noise = self.noise.relative(x) * self.noise.draw(x.size, rng)
+        reading = self.range_nm * self.noise.rounded(dense.X[:, 0] / self.range_nm + noise)
+        return np.column_stack([reading, dense.X[:, 1:]])
+
 
 def path(points: int, range_nm: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Torque (N·m), branch and direction of ``points`` even steps of 0 → +FS → 0 → −FS → 0."""

@@ -119,7 +119,7 @@ def test_the_comparison_ranks_the_bound_first_and_the_raw_reading_last() -> None
     rms = {name: float(row["RMS, % FS"]) for name, row in by_name.items()}
     assert min(rms, key=lambda name: rms[name]) == "known form"
     assert max(rms, key=lambda name: rms[name]) == "raw reading"
-    assert by_name["raw reading"]["coverage of 95 % intervals"] == "–"
+    assert by_name["raw reading"]["coverage of the curve"] == "–"
     _, by_family = family_rows({50: results}, ["reference", "quadratic"])
     assert [row[0] for row in by_family] == ["reference", "quadratic"]
     figures = accuracy_figures(results, ["reference", "quadratic"], 50)
@@ -132,6 +132,18 @@ def test_the_comparison_ranks_the_bound_first_and_the_raw_reading_last() -> None
     text, met = judge(Console(quiet=True), "compensation", values)
     assert met == ("MISSED" not in text)
     assert text.count("| met |") + text.count("| MISSED |") == len(figures)
+
+
+def test_a_figure_is_judged_only_where_chance_leaves_a_verdict() -> None:
+    figures = {f"coverage, {kind}, all, 50 points": 0.92 for kind in ("a", "b", "c")}
+    names = list(figures)
+    allowed = {names[0]: 0.005, names[1]: 0.015, names[2]: 0.03}
+    text, met = judge(Console(quiet=True), "compensation", figures, allowed)
+    assert not met
+    assert "0.93 to 0.97 ± 0.005 | MISSED" in text
+    assert "0.93 to 0.97 ± 0.015 | met" in text
+    assert names[2] not in text
+    assert "(1 not judged: too few chains)" in text
 
 
 def test_an_aim_is_met_inside_its_interval_only() -> None:
@@ -175,6 +187,6 @@ def test_every_other_library_takes_part_and_follows_the_chain() -> None:
     for contender in contenders():
         if contender.own or contender.name == "raw reading":
             continue
-        torque, std = contender.fit(chain, data)(dense.X)
+        torque, std, _scatter = contender.fit(chain, data)(dense.X)
         assert np.sqrt(np.mean((torque - dense.torque_nm) ** 2)) < 3.0, contender.name
         assert std is None or np.all(std >= 0)
