@@ -39,7 +39,7 @@ from torquebench.bench.drivers import open_drivers
 from torquebench.bench.evaluating import BlockEvaluator
 from torquebench.bench.roles import SIDES, Side, angle_channel, torque_channel
 from torquebench.bench.safety import SafetySupervisor
-from torquebench.bench.safety.priority import lift_process, prefer_this_thread
+from torquebench.bench.safety.priority import collecting_later, lift_process, prefer_this_thread
 from torquebench.bench.state import CommandState
 from torquebench.chain import Dynamics, Effect, MeasuringChain, Mounting, effect_from
 from torquebench.compensation import RECOMMENDED, CompensationModel, features, make_model
@@ -150,7 +150,7 @@ class LivePath:
     def __init__(self, description: BenchDescription, compensated: int) -> None:
         drivers = replace(open_drivers(default_bench()), temperature=self)
         commands = CommandState()
-        self.supervisor = SafetySupervisor(description, drivers, BenchClock(fast=True), commands)
+        self.supervisor = SafetySupervisor(description, drivers, BenchClock(fast=False), commands)
         transducer = description.output.transducer
         chain = MeasuringChain(fitted_model()).with_effects(all_effects(description))
         self.chains = {name: ActiveChain(chain, "1", RECOMMENDED) for name in NAMES[:compensated]}
@@ -203,12 +203,13 @@ def measure(duration_s: float, compensated: int) -> NDArray[np.float64]:
         gc.collect()
         for edges in edge_blocks(duration_s):
             conditions = Conditions.of_block(path.index)
-            begun, begun_s = time.perf_counter(), time.thread_time()
-            block = path.push(edges, conditions)
-            checked, own_s = time.perf_counter(), time.thread_time() - begun_s
-            journal.write(block)
-            viewer.put(block)
-            done = time.perf_counter()
+            with collecting_later():
+                begun, begun_s = time.perf_counter(), time.thread_time()
+                block = path.push(edges, conditions)
+                checked, own_s = time.perf_counter(), time.thread_time() - begun_s
+                journal.write(block)
+                viewer.put(block)
+                done = time.perf_counter()
             latencies.append((checked - begun, done - begun, own_s))
             time.sleep(max(0.0, BLOCK_S - (done - begun)))
         journal.close()

@@ -33,7 +33,7 @@ from torquebench.bench.roles import (
     torque_channel,
 )
 from torquebench.bench.safety import AlarmKind, SafetySupervisor
-from torquebench.bench.safety.priority import prefer_this_thread
+from torquebench.bench.safety.priority import collecting_later, prefer_this_thread
 from torquebench.bench.state import CommandState
 from torquebench.errors import BenchError, ModelMismatchError, SignalFault, TorquebenchError
 from torquebench.message import Message
@@ -193,7 +193,7 @@ class Acquisition:
                     continue
                 if not self._paced(1.0 / self._slices):
                     continue
-                with self._supervisor.guarding_block():
+                with self._supervisor.guarding_block(), collecting_later():
                     self._step()
         except Exception as error:  # whatever has failed, the bench must not stay loaded
             if not isinstance(error, TorquebenchError):  # an instrument's failure is an alarm

@@ -184,7 +184,10 @@ class History:
             ):
                 self._begin(new)
             begin = self._next
-            if begin + count <= self.capacity:
+            if count == 1:  # a live block's only window
+                for name, values in self._columns.items():
+                    values[begin] = new[name][0]
+            elif begin + count <= self.capacity:
                 rows = slice(begin, begin + count)
                 for name, values in self._columns.items():
                     values[rows] = new[name]

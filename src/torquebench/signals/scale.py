@@ -148,11 +148,8 @@ class SignalScale:
         """
         names = self.column, self.uncertainty_column
         signal, (low, high) = record[names[0]], self.limits
-        lowest, highest = (
-            np.minimum.reduce(signal, initial=high),
-            np.maximum.reduce(signal, initial=low),
-        )
-        if not (low <= lowest and highest <= high):  # or NaN
+        alone = signal.size == 1  # a live block's only window
+        if not (low <= signal.item() <= high if alone else self._inside(signal).all()):
             record = record.marked(~self._inside(signal), SignalFaultKind.OUT_OF_MODULATION, *names)
         deviation = record[names[0]] - self.zero
         sensitivity = self._sensitivity(deviation)

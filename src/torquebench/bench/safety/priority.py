@@ -4,9 +4,9 @@ The reaction to a violation can be delayed by other programs on the processor, a
 that holds the interpreter, which other programs can delay in turn. Acquisition and supervisor
 therefore request real-time priority, all other threads of the process a higher priority than other
 programs, and the interpreter switches threads quickly. Garbage collection, which stops all threads,
-skips objects that existed before the bench was opened. If the system doesn't grant a priority, it
-stays unchanged, with a message. `TORQUEBENCH_PRIORITY=usual` requests nothing, for computers on
-which other programs matter more.
+skips objects that existed before the bench was opened, and waits until a block is done. If the
+system doesn't grant a priority, it stays unchanged, with a message. `TORQUEBENCH_PRIORITY=usual`
+requests nothing, for computers on which other programs matter more.
 """
 
 from __future__ import annotations
@@ -16,12 +16,20 @@ import gc
 import os
 import sys
 import threading
+from collections.abc import Iterator
 from enum import IntEnum
 
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["PRIORITY", "Priority", "available_priority", "lift_process", "prefer_this_thread"]
+__all__ = [
+    "PRIORITY",
+    "Priority",
+    "available_priority",
+    "collecting_later",
+    "lift_process",
+    "prefer_this_thread",
+]
 
 PRIORITY = "TORQUEBENCH_PRIORITY"
 """Environment variable: `best` (default) requests the highest priority, `usual` none."""
@@ -150,3 +158,15 @@ def lift_process() -> contextlib.ExitStack:
     lifted = contextlib.ExitStack()
     lifted.callback(_LIFT.end)
     return lifted
+
+
+@contextlib.contextmanager
+def collecting_later() -> Iterator[None]:
+    """Keep garbage collection out of the work on a block; a due one follows the work."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()

@@ -13,6 +13,7 @@ from torquebench.bench.safety.priority import (
     SWITCH_INTERVAL_S,
     Priority,
     available_priority,
+    collecting_later,
     lift_process,
     prefer_this_thread,
 )
@@ -57,6 +58,22 @@ def test_garbage_collection_leaves_out_what_was_there_before_the_bench() -> None
         assert not any(each is before for each in followed)
         assert any(each is during for each in followed)
     assert any(each is before for each in gc.get_objects())
+
+
+def test_garbage_is_collected_after_a_block_and_not_in_it(request: pytest.FixtureRequest) -> None:
+    collections: list[str] = []
+
+    def note(phase: str, _: dict[str, int]) -> None:
+        collections.append(phase)
+
+    gc.callbacks.append(note)
+    request.addfinalizer(lambda: gc.callbacks.remove(note))
+    with collecting_later():
+        kept = [[] for _ in range(2 * gc.get_threshold()[0])]
+        assert collections == []
+    kept += [[] for _ in range(2)]
+    assert collections
+    assert gc.isenabled()
 
 
 def test_a_refusal_is_said_and_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
