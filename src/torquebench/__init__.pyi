@@ -3,7 +3,6 @@ from .calibration.data import (
 )
 from .compensation.selection import (
     Comparison as Comparison,
-    StepFolds as StepFolds,
 )
 from .errors import (
     InputError as InputError,

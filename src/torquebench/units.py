@@ -33,7 +33,6 @@ __all__ = [
     "UNIT_OF_ENDING",
     "minus_signs",
     "name_without_unit",
-    "plain_unit",
     "title_of_name",
     "unit_of_name",
 ]
@@ -167,15 +166,3 @@ def minus_signs(text: str) -> str:
     '−3.2e-07'
     """
     return re.sub(r"(?<![eE])-", "−", text)
-
-
-def plain_unit(unit: str) -> str:
-    """Return a unit by its name in `UNITS`: ``N·m`` as ``nm``, ``min⁻¹`` as ``rpm``.
-
-    Examples
-    --------
-    >>> plain_unit("rad/s²"), plain_unit("rad_s2"), plain_unit("rad/s")
-    ('rads2', 'rads2', 'rads')
-    """
-    unit = unit.strip().lower().replace("²", "2")
-    return _SPELLED.get(unit, re.sub(r"[^a-z2]", "", unit))

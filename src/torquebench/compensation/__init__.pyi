@@ -59,7 +59,6 @@ from .selection import (
     Comparison as Comparison,
     LeftOut as LeftOut,
     ModelScore as ModelScore,
-    StepFolds as StepFolds,
     compare as compare,
     worse_than_raw as worse_than_raw,
 )

@@ -122,7 +122,7 @@ class CompensationModel(Estimator, ABC):
     -----
     ``predict(X, return_std=True)`` gives the standard uncertainty of the model's curve, which
     `_fit` states as `uncertainty_`; a `FormModel` compares its curve with the hybrid's posterior.
-    It doesn't contain the scatter of a single reading; `single_reading_std` adds that.
+    It doesn't contain the scatter of a single reading, which `scatter_at` states.
     """
 
     range_nm: float | None = parameter(None, Between(Real, 0, open_low=True), default=None)
@@ -349,22 +349,6 @@ class CompensationModel(Estimator, ABC):
         residual = float(np.sum(weights * (truth - torque) ** 2))
         whole = float(np.sum(weights * (truth - np.average(truth, weights=weights)) ** 2))
         return 1.0 - residual / whole if whole > 0.0 else float(residual == 0.0)
-
-    def single_reading_std(self, X: ArrayLike) -> FloatArray:
-        """Return the standard uncertainty of single compensated readings: curve and scatter.
-
-        Parameters
-        ----------
-        X : array of shape (n, k)
-            As for `predict`.
-
-        Returns
-        -------
-        standard_uncertainty_nm : float64 array of shape (n,)
-            Root sum of squares of the curve's uncertainty and `scatter_at`.
-        """
-        _, std = self.predict(X, return_std=True)
-        return np.asarray(np.hypot(std, self.scatter_at(np.asarray(by_names(X), float)[:, 0])))
 
     def scatter_at(self, torque_nm: Values) -> Values:
         """Return the standard deviation of single readings at torques in N·m, shape (n,) or float.

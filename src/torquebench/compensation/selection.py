@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,7 +38,6 @@ __all__ = [
     "Comparison",
     "LeftOut",
     "ModelScore",
-    "StepFolds",
     "compare",
     "worse_than_raw",
 ]
@@ -440,48 +439,6 @@ class _Tally:
                 )
             )
         return tuple(rows)
-
-
-class StepFolds:
-    """Folds for scikit-learn's cross-validation, as `compare` makes them.
-
-    All points of a step (repeats, both branches) are held out together, and the outermost steps
-    never are, so that a model doesn't have to extrapolate.
-
-    Parameters
-    ----------
-    folds : int, default 10
-        Number of folds; one for every step where there are fewer than twice as many steps.
-
-    Examples
-    --------
-    >>> reading = np.tile(np.linspace(-10.0, 10.0, 5), 2)
-    >>> [test.tolist() for _, test in StepFolds(3).split(reading[:, None])]
-    [[1, 6], [2, 7], [3, 8]]
-    """
-
-    def __init__(self, folds: int = 10) -> None:
-        self.folds = folds
-
-    def get_n_splits(self, X: ArrayLike, y: object = None, groups: object = None) -> int:  # noqa: ARG002
-        """Return the number of folds."""
-        return self._folds(X)[1]
-
-    def split(
-        self,
-        X: ArrayLike,
-        y: object = None,  # noqa: ARG002
-        groups: object = None,  # noqa: ARG002
-    ) -> Iterator[tuple[IntArray, IntArray]]:
-        """Yield the rows to be fitted and the held-out rows of each fold."""
-        fold_of_point, count = self._folds(X)
-        for fold in range(count):
-            here = fold_of_point == fold
-            yield np.flatnonzero(~here), np.flatnonzero(here)
-
-    def _folds(self, X: ArrayLike) -> tuple[IntArray, int]:
-        reading = np.asarray(by_names(X), dtype=np.float64)[:, 0]
-        return spread_folds(repeat_groups(reading), self.folds)
 
 
 def _one_error(count: int) -> float:

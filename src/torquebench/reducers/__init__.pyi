@@ -33,7 +33,6 @@ from .running.friction import (
     FrictionCurve as FrictionCurve,
     FrictionResult as FrictionResult,
     evaluate_friction as evaluate_friction,
-    friction_curve as friction_curve,
 )
 from .running.friction_fit import (
     FORMS as FORMS,

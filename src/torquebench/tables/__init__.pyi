@@ -23,7 +23,6 @@ from .formats import (
 )
 from .formats.text import (
     decode_text as decode_text,
-    parse_text as parse_text,
     remarks_in as remarks_in,
 )
 from .headers import (
@@ -53,7 +52,6 @@ from .readings import (
     check_model as check_model,
     maps_one as maps_one,
     model_conversion as model_conversion,
-    parse_calibration as parse_calibration,
     read_calibration as read_calibration,
     read_calibration_table as read_calibration_table,
     read_empty_run as read_empty_run,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
@@ -28,7 +27,6 @@ from torquebench.compensation import BRANCH_WORDS, ReadingScale, StoredModel
 from torquebench.errors import InputError, ModelMismatchError
 from torquebench.message import Message
 from torquebench.tables.conversion import Conversion, MissingSensitivityError, Sensitivity
-from torquebench.tables.formats.text import parse_text
 from torquebench.tables.headers import WORD, Understood, names_header, understand
 from torquebench.tables.isolated import Limits
 from torquebench.tables.reading import LIMITS, read_table
@@ -50,7 +48,6 @@ __all__ = [
     "check_model",
     "maps_one",
     "model_conversion",
-    "parse_calibration",
     "read_calibration",
     "read_calibration_table",
     "read_empty_run",
@@ -453,44 +450,6 @@ def read_calibration_table(
 def read_calibration(path: Path | str, **options: Any) -> CalibrationData:
     """Return the calibration in a file; parameters and errors as in `read_calibration_table`."""
     return read_calibration_table(path, **options).data
-
-
-def parse_calibration(
-    text: str,
-    origin: str,
-    *,
-    range_nm: float | None = None,
-    transducer_serial: str = "",
-    counter_identity: str = "",
-    isolated: bool = False,
-) -> CalibrationData:
-    r"""Return the calibration in a CSV text; see `read_calibration_table`.
-
-    Parameters
-    ----------
-    text : str
-    origin : str
-        Name of the text in messages.
-    range_nm, transducer_serial, counter_identity
-        As in `read_calibration_table`.
-    isolated : bool
-        Whether a process of its own reads it, as where a bench is commanded.
-
-    Examples
-    --------
-    >>> data = parse_calibration("reading_nm,standard_nm\n5.1,5.0\n10.2,10.0\n", "a table")
-    >>> data.standard_nm.tolist(), data.range_nm
-    ([5.0, 10.0], 10.0)
-    """
-    chain = ("", transducer_serial, counter_identity)
-    if isolated:
-        with tempfile.TemporaryDirectory(prefix="torquebench-") as folder:
-            path = Path(folder) / "table.csv"
-            path.write_text(text, encoding="utf-8", newline="")
-            table = read_table(path, isolated=True, called=origin)
-    else:
-        table = parse_text(text, origin)
-    return calibration_of(table, range_nm, False, chain).data
 
 
 def calibration_of(

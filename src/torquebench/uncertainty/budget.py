@@ -247,10 +247,6 @@ class Budget:
         expanded = self.expanded_uncertainty(coverage_probability)
         return self.value - expanded, self.value + expanded
 
-    def dominant(self) -> BudgetLine:
-        """Return the line that contributes most."""
-        return max(self.lines, key=lambda line: line.contribution)
-
     def text(self, coverage_probability: float = COVERAGE_PROBABILITY) -> str:
         """Return the budget as aligned plain text: a line for each source, then the result."""
         rows = [("quantity", "value", "u", "ν", "distribution", "c", "|c|·u", "share")]

@@ -12,6 +12,7 @@ from statistics import fmean
 
 import numpy as np
 import pytest
+from tests.support.tables import parse_calibration
 
 from torquebench.calibration import (
     CalibrationResults,
@@ -24,7 +25,7 @@ from torquebench.calibration import (
     tare,
 )
 from torquebench.calibration.deviations import CalibrationRecord, assign_nominal
-from torquebench.tables import parse_calibration, read_calibration
+from torquebench.tables import read_calibration
 from torquebench.uncertainty import CertifiedUncertainty
 
 FIELD = Path(__file__).parent / "field"

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.support.tables import parse_calibration
 
 import torquebench as tb
 from torquebench.bench import default_bench
@@ -15,7 +16,7 @@ from torquebench.campaign.chains import reference_effect
 from torquebench.campaign.turning import joined_tables
 from torquebench.chain import Reference
 from torquebench.errors import InputError
-from torquebench.tables import calibration_csv, parse_calibration
+from torquebench.tables import calibration_csv
 from torquebench.tables.remarks import reference_remarks
 from torquebench.uncertainty import CertifiedUncertainty
 

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.tables import parse_calibration
 
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.fitting import fit_table
 from torquebench.campaign.results import FitResult
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import InputError
-from torquebench.tables import parse_calibration, read_calibration
+from torquebench.tables import read_calibration
 
 FIELD = Path(__file__).parents[1] / "calibration" / "field"
 INCH_POUND = 0.1129848290276167

@@ -114,8 +114,9 @@ def test_intervals_cover_the_truth() -> None:
         reading, standard = noisy(50, seed)
         model = NetworkModel().fit(reading[:, None], standard)
         fresh = truth(dense) + np.random.default_rng(seed + 100).normal(0.0, 0.3, dense.size)
-        error = model.predict(dense[:, None]) - fresh
-        inside.append(np.abs(error) < 1.96 * model.single_reading_std(dense[:, None]))
+        torque, std = model.predict(dense[:, None], return_std=True)
+        of_reading = np.hypot(std, model.scatter_at(dense))
+        inside.append(np.abs(torque - fresh) < 1.96 * of_reading)
     assert 0.91 < np.mean(inside) < 0.985
 
 

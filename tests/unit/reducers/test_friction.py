@@ -9,8 +9,10 @@ from torquebench.reducers import (
     evaluate_friction,
     evaluate_no_load,
     fit_friction,
-    friction_curve,
 )
+from torquebench.reducers.preparation import Samples
+from torquebench.reducers.running.friction import curve_of
+from torquebench.reducers.running.points import speed_points
 
 RAD_S_PER_RPM = 2 * np.pi / 60
 
@@ -30,6 +32,11 @@ def sweep(repeats=3, noise=0.0, seed=0, both=True):
     turn = np.tile(branch, repeats * (2 if both else 1))
     rng = np.random.default_rng(seed)
     return speed, stribeck(speed) + rng.normal(0, noise, speed.size), turn
+
+
+def friction_curve(speed, torque, branch=None, tolerance_rpm=None):
+    points = Samples.of(1, speed_rpm=speed, torque_nm=torque, branch=branch)
+    return curve_of(speed_points(points, tolerance_rpm=tolerance_rpm, zeroed=True, steady=True))
 
 
 def test_curve_has_mean_spread_and_standard_error_of_repeats():

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.streamed import streamed
+from tests.support.tables import parse_calibration
 
 from torquebench.bench import default_bench
 from torquebench.calibration import CalibrationData
@@ -17,7 +18,7 @@ from torquebench.compensation import load_model, make_model
 from torquebench.errors import InputError
 from torquebench.records import CalibrationEntry, Registry
 from torquebench.station.matching import compensation_for
-from torquebench.tables import parse_calibration, read_readings
+from torquebench.tables import read_readings
 from torquebench.tables.readings import calibration_csv
 
 DRIFT = Drift("data sheet", 0.05, 8766.0)

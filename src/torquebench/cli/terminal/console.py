@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,7 +36,6 @@ __all__ = [
     "narrow_table",
     "note",
     "out",
-    "print_facts",
     "print_file",
     "say",
     "say_file",
@@ -267,14 +266,3 @@ def narrow_table(
             overflow="fold",
         )
     return table
-
-
-def print_facts(title: str, facts: Iterable[tuple[str, str]]) -> None:
-    """Print names and values below a title, without empty values."""
-    table = narrow_table(title, headings=False)
-    table.add_column(style="dim", no_wrap=True)
-    table.add_column(overflow="fold")
-    for name, value in facts:
-        if value:
-            table.add_row(escape(name), escape(value))
-    out().print(table)

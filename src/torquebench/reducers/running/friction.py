@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.reducers.preparation import BLOCKS, Samples, finite_columns, labels
+from torquebench.reducers.preparation import BLOCKS, Samples
 from torquebench.reducers.quantities import (
     Finding,
     LimitedQuantity,
@@ -29,7 +29,7 @@ from torquebench.reducers.quantities import (
     unsteady_temperature,
 )
 from torquebench.reducers.running.friction_fit import FORMS, Form, FrictionFit, fit_friction
-from torquebench.reducers.running.points import SpeedPoints, same_speeds, speed_points
+from torquebench.reducers.running.points import SpeedPoints, speed_points
 from torquebench.reducers.saturation import missed_speed
 from torquebench.uncertainty import BudgetLine, Shared
 
@@ -147,39 +147,6 @@ class FrictionResult:
             )
 
 
-def friction_curve(
-    speed_rpm: ArrayLike,
-    torque_nm: ArrayLike,
-    branch: ArrayLike | None = None,
-    *,
-    tolerance_rpm: float | None = None,
-) -> FrictionCurve:
-    r"""Average the points of a friction sweep at each speed.
-
-    Parameters
-    ----------
-    speed_rpm : array of float, shape (n,)
-        Mean speed of each point in 1/min, clockwise positive.
-    torque_nm : array of float, shape (n,)
-        Torque that keeps the input turning, in N·m, with the sign of the speed.
-    branch : array of int, shape (n,), optional
-        +1 while \|speed\| rises, -1 while it falls.
-    tolerance_rpm : float, optional
-        Largest range of the speeds of one step; by default 0.5 % of the largest
-        \|speed\| and 5 % of their own.
-
-    Examples
-    --------
-    >>> curve = friction_curve([100.0, 200.0, 100.1, 200.1], [1.0, 2.0, 1.2, 2.2])
-    >>> curve.torque_nm.round(3).tolist(), curve.spread_nm.round(3).tolist()
-    ([1.1, 2.1], [0.141, 0.141])
-    """
-    speed, torque = finite_columns(1, speed_rpm=speed_rpm, torque_nm=torque_nm)
-    turn = labels(branch, speed.size, 0.0, "branch")
-    group = same_speeds(speed, tolerance_rpm)
-    return _curve(speed, torque, turn, group, np.full(speed.size, np.nan))
-
-
 def curve_of(points: SpeedPoints) -> FrictionCurve:
     """Average points at each step of speed."""
     return _curve(points.speed, points.torque, points.branch, points.group, points.own_nm)
@@ -242,14 +209,17 @@ def evaluate_friction(
     row: ArrayLike | None = None,
     keep_outliers: bool = False,
 ) -> FrictionResult:
-    """Evaluate no-load friction: mean and spread at each speed, and the parts of friction.
+    r"""Evaluate no-load friction: mean and spread at each speed, and the parts of friction.
 
     A log is averaged over its steady windows, a ramp over parts of it.
 
     Parameters
     ----------
     speed_rpm, torque_nm, branch, tolerance_rpm
-        As for `friction_curve`; points at rest (speed 0) are left out.
+        Mean speed of each point in 1/min, clockwise positive; torque that keeps the input turning,
+        in N·m, with the sign of the speed; +1 while \|speed\| rises, -1 while it falls; largest
+        range of the speeds of one step (by default 0.5 % of the largest \|speed\| and 5 % of
+        their own). Points at rest (speed 0) are left out.
     systematic_uncertainty_nm : float, default 0
         Standard uncertainty that all torques have in common, in N·m; averaging doesn't lower it.
     exponent : {1, 2}, default 2

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import codecs
 import csv
-import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -25,7 +24,7 @@ from torquebench.tables.headers import known_name
 from torquebench.tables.layout import HEAD_ROWS, find_layout
 from torquebench.tables.table import Table
 
-__all__ = ["FORMAT", "TextFile", "decode_text", "parse_text", "remarks_in", "text_encoding"]
+__all__ = ["FORMAT", "TextFile", "decode_text", "remarks_in", "text_encoding"]
 
 BLOCK_BYTES = 1 << 21
 _SMALL_BYTES = 1 << 17
@@ -141,24 +140,6 @@ def is_comment(line: str) -> bool:
     """Return whether a line is a comment; a spreadsheet error such as ``#DIV/0!`` isn't."""
     line = line.lstrip()
     return line.startswith("#") and _SPREADSHEET_ERROR.match(line) is None
-
-
-def parse_text(text: str, origin: str) -> Table:
-    r"""Return the table in a text.
-
-    Raises
-    ------
-    InputError
-        Where it is empty, has no row, or has a row with another number of cells than the header.
-
-    Examples
-    --------
-    >>> table = parse_text("# side = output\nreading_nm;standard_nm\n1,5;1,6\n", "a.csv")
-    >>> table.names, table.numbers("reading_nm").tolist(), table.remarks
-    (('reading_nm', 'standard_nm'), [1.5], {'side': 'output'})
-    """
-    content = text.encode("utf-8", "surrogatepass")
-    return TextFile(origin, io.BytesIO(content), len(content)).whole()
 
 
 class TextFile:
