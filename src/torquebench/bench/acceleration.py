@@ -59,7 +59,6 @@ class EncoderAcceleration:
         ----------
         time_s : float64 array of shape (n,)
         counts : array of shape (n,)
-        per_revolution : int
         """
         before, self._before = self._before, float("nan")
         if time_s.size < FEWEST_SAMPLES:

@@ -75,12 +75,8 @@ class Acquisition:
 
     Parameters
     ----------
-    description : BenchDescription
-    drivers : DriverSet
     clock : BenchClock
         Acquisition advances it: bench time is the acquired time.
-    supervisor : SafetySupervisor
-    commands : CommandState
     """
 
     def __init__(

@@ -64,7 +64,6 @@ class ActiveChain:
 
     Parameters
     ----------
-    chain : MeasuringChain
     model_id, kind : str
         Identity and kind of the registered model.
     calibration_age_h : float, optional

@@ -37,7 +37,6 @@ class Block:
     ----------
     start_s, stop_s : float
         Bench time of the interval, s.
-    edges : mapping of channel to EdgeBlock
     records : mapping of channel to Record
         An encoder that delivers nothing has an empty record, or none.
     torques : mapping of side to Torque

@@ -42,7 +42,6 @@ def chain_effects(
 
     Parameters
     ----------
-    description : BenchDescription
     side : {"input", "output"}
     calibrated_c : float, optional
         Mean temperature of the transducer during the calibration, °C; the middle of the bench's
@@ -169,8 +168,6 @@ def with_stated_limits(
 
     Parameters
     ----------
-    chain : MeasuringChain
-    description : BenchDescription
     side : {"input", "output"}
     """
     effects = chain_effects(description, side)

@@ -69,8 +69,6 @@ class Channel:
     side : {"input", "output"}
     standard : bool
         Whether it is the transducer of a mounted standard.
-    transducer : TransducerDescription
-    counter : FrequencyCounter
     stuck_s : float
         Time without any noise after which a frequency counts as stuck.
     certificate : ReferenceCertificate, optional

@@ -238,7 +238,6 @@ class BenchClock:
 
         Parameters
         ----------
-        time_s : float
         behind_s : float, optional
             Delay of bench time to the wall clock (`time.monotonic`), s, if the counter states it;
             otherwise estimated from this block. The smallest delay counts.

@@ -527,7 +527,6 @@ def check_identities(description: BenchDescription, identities: Iterable[Identit
 
     Parameters
     ----------
-    description : BenchDescription
     identities : iterable of Identity
         Identities that the instruments report. Roles without a serial number in the description (a
         read-out) and instruments that report none aren't compared.

@@ -207,7 +207,6 @@ def place_points(data: CalibrationData, settings: Adaptive) -> Proposed:
     ----------
     data : CalibrationData
         All points so far.
-    settings : Adaptive
 
     Returns
     -------

@@ -28,7 +28,6 @@ class Cell:
     ----------
     speed_rpm, temperature_c, torque_share : tuple of float or None
         Limits of speed, temperature and torque over range; None where they aren't known.
-    points : int
     rms_percent_fs, worst_percent_fs : float
         Error against the standard, or the true torque where it is known.
     coverage : float
@@ -49,7 +48,6 @@ def cells(data: CalibrationData, torque: Torque) -> tuple[Cell, ...]:
 
     Parameters
     ----------
-    data : CalibrationData
     torque : Torque
         Torque of the measuring chain at its points.
 

@@ -151,7 +151,6 @@ class Examination:
         Standard deviation of a point about the fitted Gaussian process, N·m.
     expanded_nm : float
         Median U (k = 2) of a further reading, as estimated from the table, N·m.
-    wrong_rows : tuple of WrongRow
     disagreements : tuple of Disagreement
         The most probable first; none is smaller than `expanded_nm`.
     doubts : tuple of Disagreement

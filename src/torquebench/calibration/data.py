@@ -323,10 +323,6 @@ class CalibrationData:
         index : array of bool, shape (n,), or array of int
             Which points to keep.
 
-        Returns
-        -------
-        CalibrationData
-
         Raises
         ------
         InputError

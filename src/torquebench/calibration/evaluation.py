@@ -116,7 +116,6 @@ class Regression:
         Standard error of estimate, with n − 2 degrees of freedom; NaN of two points.
     r_squared : float
         Coefficient of determination.
-    points : int
 
     References
     ----------
@@ -327,10 +326,6 @@ def evaluate_static(
         Expanded uncertainty (k = 2) of the reference torque, in % of it.
     scale : float, optional
         Fixed indication per N·m: 1 for a scale in N·m. Without it there is no f_q.
-
-    Returns
-    -------
-    StaticEvaluation
 
     Raises
     ------

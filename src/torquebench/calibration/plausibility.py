@@ -83,7 +83,6 @@ class Contradiction:
 
     Parameters
     ----------
-    kind : str
     clause : str
         Key path of the profile's limit; empty where the points contradict each other.
     found, allowed : str

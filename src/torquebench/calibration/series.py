@@ -111,7 +111,6 @@ class TaredPoints:
 
     Parameters
     ----------
-    data : CalibrationData
     zeros_nm : tuple of float
         The subtracted zeros, one for each rise; empty where the readings were tared.
     remarks : tuple of str
@@ -190,7 +189,6 @@ def own_steps(data: CalibrationData, named_nm: Sequence[float] = ()) -> Calibrat
 
     Parameters
     ----------
-    data : CalibrationData
     named_nm : sequence of float
         Magnitudes of steps, such as those of a profile.
 

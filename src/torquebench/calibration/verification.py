@@ -192,10 +192,6 @@ def summarise_errors(
     range_nm : float
         Full scale in N·m.
 
-    Returns
-    -------
-    ErrorSummary
-
     Raises
     ------
     InputError

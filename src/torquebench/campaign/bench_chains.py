@@ -38,7 +38,6 @@ def recorded_effects(metadata: Mapping[str, Any], data: CalibrationData) -> tupl
     ----------
     metadata : mapping
         Of the run: the bench's description at the time, or the standard of an external calibration.
-    data : CalibrationData
     """
     if "bench" in metadata:
         return bench_effects(BenchDescription.model_validate(metadata["bench"]), data)
@@ -52,7 +51,6 @@ def used_chain(
 
     Parameters
     ----------
-    entry : ModelEntry
     metadata : mapping
         Metadata of the run: the bench's description at the time.
     data : CalibrationData
@@ -86,7 +84,6 @@ def referenced(
 
     Parameters
     ----------
-    data : CalibrationData
     metadata : mapping
         Of the run: the bench's description at the time, or the standard of an external calibration.
     serial : str

@@ -66,10 +66,6 @@ class FinishedCalibration:
 
     Parameters
     ----------
-    measured : Measured
-    profile : Profile
-    fitted : tuple of FittedModel
-    registered : RegisteredCalibration
     active : str or None
         Name of the model that was put into use; None if its calibration contradicts itself.
     """
@@ -92,9 +88,7 @@ def measure_calibration(
 
     Parameters
     ----------
-    station : Station
     side : {"input", "output"}
-    profile : Profile
     resumption : Resumption, optional
         State of the interrupted calibration; see `campaign.resuming`.
     **options

@@ -51,7 +51,6 @@ class ComparedCalibration:
 
     Parameters
     ----------
-    entry : CalibrationEntry
     model : ModelEntry
         The calibration's model in use, or its latest one.
     """
@@ -71,7 +70,6 @@ class CalibrationStep:
 
     Parameters
     ----------
-    reading_nm : float
     branch : int
         +1 rising, -1 falling, 0 if neither model has branches.
     before_nm, after_nm : float
@@ -106,7 +104,6 @@ class CalibrationComparison:
         The earlier and the later calibration.
     low_nm, high_nm : float
         Range of torques that both cover.
-    steps : tuple of CalibrationStep
     remarks : tuple of str
         Differences other than torque: ranges, standards, counters, adjustments.
     """
@@ -173,7 +170,6 @@ def compare_calibrations(registry: Registry, first: int, second: int) -> Calibra
 
     Parameters
     ----------
-    registry : Registry
     first, second : int
         Their numbers.
 

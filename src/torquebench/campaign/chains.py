@@ -91,7 +91,6 @@ def stated_effects(
 
     Parameters
     ----------
-    chain : MeasuringChain
     range_nm : float
         Full scale, N·m.
     reference : CertifiedUncertainty, optional

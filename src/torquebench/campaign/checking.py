@@ -79,7 +79,6 @@ class CheckResult:
         Torques with U of the chain and the check standard, and the decisions.
     model : ModelEntry or None
         The model in use.
-    run_id : str
     """
 
     data: CalibrationData
@@ -120,7 +119,6 @@ def judge_check(
 
     Parameters
     ----------
-    data : CalibrationData
     chain : MeasuringChain or None
         Chain in use; None compares the reading itself.
     standard : Reference or None
@@ -164,7 +162,6 @@ def check_module(
 
     Parameters
     ----------
-    station : Station
     side : {"input", "output"}
     profile : Profile
         A few steps, such as the packaged profile "check".

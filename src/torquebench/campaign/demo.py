@@ -98,8 +98,6 @@ def run_demo(
 
     Parameters
     ----------
-    station : Station
-    settings : DemoSettings, optional
     progress : Progress
         Receives the stages.
     begin : callable

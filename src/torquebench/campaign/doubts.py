@@ -24,8 +24,6 @@ def doubts_before(station: Station, registry: Registry, *standards: str) -> Iter
 
     Parameters
     ----------
-    station : Station
-    registry : Registry
     *standards : str
         Standards that will be used.
     """

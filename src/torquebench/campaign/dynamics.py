@@ -65,8 +65,6 @@ class IdentifiedDynamics:
 
     Attributes
     ----------
-    transfer : TransferFunction
-    designed : InverseFilter
     inertia : Inertia or None
         Inertia, if an empty run with ramps was given.
     simulated : bool

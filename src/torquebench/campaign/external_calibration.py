@@ -99,14 +99,12 @@ def register_table(
 
     Parameters
     ----------
-    registry : Registry
     table : str
         Its text.
     data : CalibrationData
         Points of the table, with nominal torques.
     profile : Profile
         Profile that was followed.
-    circumstances : ExternalCalibration
     operator : str
         Person who enters the table.
     signature : Signature, optional

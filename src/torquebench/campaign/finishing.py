@@ -35,7 +35,6 @@ class Finished:
 
     Parameters
     ----------
-    run_id : str
     sentence : str
         Result in one sentence.
     calibration : FinishedCalibration or None
@@ -80,10 +79,8 @@ def finish_run(
 
     Parameters
     ----------
-    registry : Registry
     run : UnfinishedRun
         From `unfinished_runs`.
-    progress : Progress
 
     Raises
     ------

@@ -224,8 +224,6 @@ def fit_models(
 
     Parameters
     ----------
-    data : CalibrationData
-    choices : sequence of ModelChoice
     progress : Progress
         Receives a stage of 100 steps for each model.
     title : str
@@ -462,7 +460,6 @@ def fit_table(
 
     Parameters
     ----------
-    data : CalibrationData
     source : str
         Name of the table, for reports.
     name : str, optional

@@ -60,13 +60,10 @@ def evaluate_module(
 
     Parameters
     ----------
-    calibrated, verified : StaircaseResult
     profile : Profile
         Of the calibration.
-    fitted : sequence of FittedModel
     recommended : str
         Name of the model in use.
-    dense : DenseSweep, optional
     run_ids : tuple of str
         Runs that hold the raw data.
     """

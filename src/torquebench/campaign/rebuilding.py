@@ -99,7 +99,6 @@ def rebuild(data: Path, by: str, progress: Progress = NO_PROGRESS) -> Rebuilt:
 
     Parameters
     ----------
-    data : pathlib.Path
     by : str
         Person, for the record.
     progress : Progress

@@ -83,7 +83,6 @@ class RegisteredCalibration:
 
     Parameters
     ----------
-    calibration : CalibrationEntry
     models : mapping of str to ModelEntry
         Entries of the models by the names of their choices.
     """
@@ -126,10 +125,8 @@ def register_calibration(
 
     Parameters
     ----------
-    registry : Registry
     folder : RunFolder
         The sealed run.
-    models : sequence of FittedFile
     active : str or None
         Name of the model to be activated, unless the calibration contradicts itself.
     store : callable, optional
@@ -376,11 +373,8 @@ def registered_patiently(
 
     Parameters
     ----------
-    registry : Registry
-    run_id : str
     register : callable
         One transaction, which can be repeated without duplicates.
-    progress : Progress
 
     Raises
     ------

@@ -291,8 +291,6 @@ def resume_calibration(
 
     Parameters
     ----------
-    station : Station
-    interrupted : InterruptedCalibration
     now : datetime.datetime, optional
         The present moment, for the profile's clause.
     **options

@@ -41,8 +41,6 @@ class StandardReducer:
 
     Attributes
     ----------
-    name, certificate : str
-    friction : tuple of CertifiedFriction
     max_speed_rpm : float
         Largest input speed in its data sheet, 1/min.
     """
@@ -67,14 +65,10 @@ class StandardReducerCheck:
 
     Attributes
     ----------
-    reducer : StandardReducer
-    check : FrictionCheck
     compensation : str
         Compensation of the input module, in words.
     sweep : FrictionSweep
         The measured sweep.
-    run_id : str
-    simulated : bool
     """
 
     reducer: StandardReducer
@@ -177,8 +171,6 @@ def check_standard_reducer(
 
     Parameters
     ----------
-    station : Station
-    reducer : StandardReducer
     settings : FrictionSettings
         Of `StandardReducer.settings`.
     tolerance_percent : float

@@ -30,7 +30,6 @@ class TurningChain:
     ----------
     points : CalibrationData
         Points with readings converted to standstill and to one temperature, for the static curve.
-    effects : tuple of Effect
     remarks : tuple of str
         Effects that weren't identified, and the runs that would identify them.
     """
@@ -51,7 +50,6 @@ def identify_turning(
     ----------
     points : CalibrationData
         With the temperature and the speed of each point; without a speed they are at standstill.
-    runs : sequence of EmptyRun
     progress : Progress
         Receives one stage.
 

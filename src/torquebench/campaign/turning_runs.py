@@ -69,10 +69,8 @@ class TurningRun:
 
     Parameters
     ----------
-    run_id : str
     rows : int
         Number of rows in the table.
-    bench_seconds : float
     """
 
     run_id: str
@@ -110,9 +108,7 @@ def measure_turning(
 
     Parameters
     ----------
-    station : Station
     side : {"input", "output"}
-    profile : TurningProfile
     target : pathlib.Path
         CSV file.
     begun : EmptyTable, BegunCalibration or StepTable, optional

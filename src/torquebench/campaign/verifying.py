@@ -49,7 +49,6 @@ def verify_on_bench(
 
     Parameters
     ----------
-    station : Station
     side : {"input", "output"}
     profile : Profile
         Profile of random torques.

@@ -44,7 +44,6 @@ class MeasuredPart:
 
     Parameters
     ----------
-    name : str
     percent, u_percent : float
         Largest value and largest U (k = 2), in % of full scale; for a span, in % of the torque.
     measured : str

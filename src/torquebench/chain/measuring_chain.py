@@ -171,10 +171,6 @@ class MeasuringChain:
 
         Effects of the chain are kept. An effect whose limit is unknown gets it from `limits`, with
         the interval that belongs to it.
-
-        Parameters
-        ----------
-        limits : iterable of Effect
         """
         own = {effect.kind: effect for effect in self.stored}
         partly = {effect.influence for effect in self.stored if effect.gaps()} - set(own)
@@ -234,7 +230,6 @@ class MeasuringChain:
 
         Parameters
         ----------
-        readings : Readings
         place : callable, optional
             Function from a row's number to its name in messages.
 
@@ -335,10 +330,6 @@ class ChainStream:
     After the start, a gap or a fault the past is unknown: the uncertainty is larger until the
     readings have reversed often enough. The result doesn't depend on how the stream is divided into
     blocks.
-
-    Parameters
-    ----------
-    chain : MeasuringChain
     """
 
     def __init__(self, chain: MeasuringChain) -> None:
@@ -351,7 +342,6 @@ class ChainStream:
 
         Parameters
         ----------
-        readings : Readings
         step_s : float, optional
             Interval between readings, to recognise a gap; by default that of the first two.
         """
@@ -402,7 +392,6 @@ class RecordedStream:
 
     Parameters
     ----------
-    chain : MeasuringChain
     by_speed : AccelerationBySpeed, optional
         Evaluation of the acceleration; from the first block by default.
 

@@ -62,7 +62,6 @@ def effect_states(chain: MeasuringChain, readings: Readings, torque: Torque) -> 
 
     Parameters
     ----------
-    chain : MeasuringChain
     readings : Readings
         A single reading.
     torque : Torque

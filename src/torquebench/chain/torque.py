@@ -93,7 +93,6 @@ def not_corrected(component: Component, share: float = 3.0**-0.5) -> Component:
 
     Parameters
     ----------
-    component : Component
     share : float
         Standard uncertainty as a share of the omitted correction; that of a rectangular
         distribution by default.

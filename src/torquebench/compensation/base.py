@@ -184,10 +184,6 @@ class CompensationModel(Estimator, ABC):
             Receiver of the share of the fit that is done, in steps of `SHARES`; only long fits
             report it.
 
-        Returns
-        -------
-        self
-
         Raises
         ------
         InputError

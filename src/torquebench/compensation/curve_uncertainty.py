@@ -123,10 +123,6 @@ def student_widening(freedom: float) -> float:
     freedom : float
         Degrees of freedom of the noise; less than 1 counts as 1.
 
-    Returns
-    -------
-    factor : float
-
     Examples
     --------
     >>> round(student_widening(20.0), 3)

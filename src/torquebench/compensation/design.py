@@ -98,10 +98,6 @@ def propose_points(
     criterion : {"worst", "integrated"}
         Whether the largest or the root mean square standard uncertainty over the range counts.
 
-    Returns
-    -------
-    Proposal
-
     Raises
     ------
     InputError

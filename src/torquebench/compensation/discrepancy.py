@@ -133,10 +133,6 @@ def discrepancy(
         Whether the model's values depend on the branch.
     branches : frozenset of float
         Branches that the calibration recorded (+1, −1). If one is missing, a loop counts as noise.
-
-    Returns
-    -------
-    uncertainty : CurveUncertainty
     """
     count = int(np.ceil((limits[1] - limits[0]) / _SPACING)) * _SAMPLES_PER_NODE
     u = np.linspace(limits[0], limits[1], count + 1)

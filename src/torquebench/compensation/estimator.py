@@ -36,7 +36,6 @@ class Between:
         `numbers.Integral` or `numbers.Real`.
     low, high : float or None
         None where there is no limit.
-    open_low, open_high : bool
     """
 
     kind: type

@@ -26,10 +26,6 @@ def make_model(name: str, **parameters: Any) -> CompensationModel:
     **parameters
         Parameters of that kind of model.
 
-    Returns
-    -------
-    model : CompensationModel
-
     Raises
     ------
     InputError

@@ -162,10 +162,6 @@ class HysteresisOperator:
             Calibrated range in N·m.
         path_nm : array_like, optional
             Turning points of the calibration; `one_sided_path` where not given.
-
-        Returns
-        -------
-        HysteresisOperator
         """
         count = _GENERIC_WIDTHS.size
         path = one_sided_path(full_scale_nm) if path_nm is None else path_nm
@@ -468,10 +464,6 @@ class HistoryCompensator:
         ----------
         reading_nm : array_like of shape (n,), or float
             Next readings in N·m, finite and in the order of time.
-
-        Returns
-        -------
-        LiveTorque
         """
         like: Values
         if isinstance(reading_nm, float):
@@ -525,7 +517,6 @@ def _in_loop(
 
     Parameters
     ----------
-    number : functions of `elementwise`
     states : sequence of float or float64 array of shape (n,)
     falling, rising : float or float64 array of shape (n,)
         States that the calibration passed.

@@ -39,8 +39,6 @@ class ReadingScale:
 
     Attributes
     ----------
-    unit : str
-    nm_per_unit, offset_nm : float
     stated : str
         Sensitivity or lever arm, as a person stated it; empty for a torque, which needs none.
 
@@ -145,13 +143,7 @@ class Provenance:
 
 @dataclass(frozen=True)
 class StoredModel:
-    """A fitted model with its provenance.
-
-    Attributes
-    ----------
-    model : CompensationModel
-    provenance : Provenance
-    """
+    """A fitted model with its provenance."""
 
     model: CompensationModel
     provenance: Provenance
@@ -224,10 +216,6 @@ def save_model(path: str | Path, stored: StoredModel, *, private: bool = False) 
     private : bool
         Whether only its owner may read a new file.
 
-    Returns
-    -------
-    path : Path
-
     Raises
     ------
     InputError
@@ -248,10 +236,6 @@ def load_model(path: str | Path) -> StoredModel:
     ----------
     path : str or Path
         A file that `save_model` wrote.
-
-    Returns
-    -------
-    stored : StoredModel
 
     Raises
     ------

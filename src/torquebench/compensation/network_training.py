@@ -87,7 +87,6 @@ class NetworkParameters:
     Attributes
     ----------
     input_weights, hidden_biases, output_weights : float64 array of shape (hidden,)
-    output_bias : float
     """
 
     input_weights: FloatArray
@@ -130,10 +129,6 @@ def nguyen_widrow_start(
         Number of hidden neurons.
     size : float, default 1
         Factor on the input weights: 2 as in MATLAB, below 1 for a smoother start.
-
-    Returns
-    -------
-    start : NetworkParameters
     """
     slope = 0.7 * hidden * size
     signs = generator.choice([-1.0, 1.0], hidden)
@@ -156,10 +151,6 @@ def small_uniform_start(
         Number of hidden neurons.
     half_span : float, default 0.5
         Largest size of a weight.
-
-    Returns
-    -------
-    start : NetworkParameters
     """
     return NetworkParameters.from_flat(generator.uniform(-half_span, half_span, 3 * hidden + 1))
 
@@ -192,7 +183,6 @@ def jacobian(
 
     Parameters
     ----------
-    parameters : NetworkParameters
     x : float64 array of shape (n,)
         Scaled inputs.
     hidden : float64 array of shape (n, hidden), optional
@@ -216,7 +206,6 @@ def tangent_kernels(parameters: NetworkParameters, x: FloatArray, hidden: FloatA
 
     Parameters
     ----------
-    parameters : NetworkParameters
     x : float64 array of shape (n,)
         Scaled inputs.
     hidden : float64 array of shape (n, hidden)
@@ -453,10 +442,6 @@ def train_member(
         Largest number of steps.
     tolerance : float
         Ends when objective, precisions and noise change by less than this share.
-
-    Returns
-    -------
-    member : NetworkMember
     """
     hidden = start.input_weights.size
     problem, trial = (_Problem(x, target, weights, hidden) for _ in range(2))

@@ -267,10 +267,6 @@ def approximate(
     largest : int
         Largest number of intervals of a branch.
 
-    Returns
-    -------
-    PiecewisePolynomial
-
     Raises
     ------
     InputError

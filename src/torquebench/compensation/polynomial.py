@@ -93,10 +93,6 @@ def fit_orthogonal(
     through_zero : bool, default False
         Leave the constant out.
 
-    Returns
-    -------
-    polynomial : OrthogonalPolynomial
-
     Examples
     --------
     >>> x = np.linspace(0.0, 10.0, 6)

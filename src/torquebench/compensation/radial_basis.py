@@ -33,7 +33,6 @@ class RadialBasis:
     Attributes
     ----------
     centres, log_widths, amplitudes : float64 array of shape (neurons,)
-    bias : float
     ridge : float
         Weight decay of the amplitudes, relative to the noise variance.
     """
@@ -144,7 +143,6 @@ class RadialBasisModel(FormModel):
 
     Attributes
     ----------
-    network_ : RadialBasis
     left_out_rms_nm_ : float
         Root mean square error at held-out points, in N·m.
 

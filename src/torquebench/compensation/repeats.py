@@ -28,7 +28,6 @@ class NoiseFloor:
     ----------
     standard_deviation_nm : float
         Pooled standard deviation of points of the same step and branch, in N·m.
-    degrees_of_freedom : int
     """
 
     standard_deviation_nm: float

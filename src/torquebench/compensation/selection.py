@@ -136,7 +136,6 @@ def behind_raw(
         Fitted to all points.
     left_out, raw : LeftOut
         Errors of the model and of the raw reading at the same points.
-    full_scale_nm : float
 
     Returns
     -------
@@ -172,7 +171,6 @@ def worse_than_raw(
 
     Parameters
     ----------
-    name : str
     model : CompensationModel
         Fitted to all points.
     X : array of shape (n, k)
@@ -217,7 +215,6 @@ class Comparison:
         Every candidate, fitted to all points.
     refused : mapping of str to str
         Candidates that refused the data, with their messages.
-    full_scale_nm : float
     folds, steps, points : int
         Number of folds, of steps (groups of points) and of points that were scored.
     outliers : tuple of Outlier
@@ -319,10 +316,6 @@ def compare(
         Kept points are scored like all others.
     progress : callable, optional
         Called with the fraction done and a sentence.
-
-    Returns
-    -------
-    comparison : Comparison
 
     Raises
     ------

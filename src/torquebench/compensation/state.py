@@ -44,10 +44,6 @@ def encode_value(value: Any) -> Any:
         Value to be stored. Floats keep all their bits: JSON's shortest form reads back to the same
         double.
 
-    Returns
-    -------
-    encoded : None, bool, int, float, str, list or dict
-
     Raises
     ------
     TypeError
@@ -88,10 +84,6 @@ def decode_value(encoded: Any) -> Any:
     ----------
     encoded : None, bool, int, float, str, list or dict
         As from `encode_value`.
-
-    Returns
-    -------
-    value : object
 
     Raises
     ------

@@ -204,10 +204,6 @@ def compile_table(
         Values of the other columns, for models that use them; the table holds for these values
         only.
 
-    Returns
-    -------
-    CompensationTable
-
     Raises
     ------
     InputError

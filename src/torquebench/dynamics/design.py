@@ -99,7 +99,6 @@ def design_inverse(
 
     Parameters
     ----------
-    transfer : TransferFunction
     interval_s : float
         Sample interval of the readings.
     bandwidth_hz : float, optional
@@ -196,7 +195,6 @@ def step_response(
 
     Parameters
     ----------
-    transfer : TransferFunction
     interval_s : float
         Sample interval.
     behind : UncertainFilter, optional

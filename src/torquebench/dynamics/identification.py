@@ -53,7 +53,6 @@ class Inertia:
 
     Attributes
     ----------
-    inertia_kgm2, standard_uncertainty_kgm2 : float
     largest_rad_s2 : float
         Largest acceleration among the points from which the inertia was identified.
     blocks : int

@@ -58,7 +58,6 @@ class Steps:
 
     Parameters
     ----------
-    interval_s : float
     reading_nm, standard_nm : float64[steps, n]
         Values from the command of a step to the next command.
     """
@@ -74,7 +73,6 @@ class Sine:
 
     Parameters
     ----------
-    interval_s, period_s : float
     reading_nm, standard_nm : float64[n]
     """
 
@@ -90,7 +88,6 @@ class Vibration:
 
     Attributes
     ----------
-    frequency_hz, damping_ratio : float
     covariance : tuple of tuples of float
         Covariance of frequency and damping ratio.
     steps : int

@@ -116,7 +116,6 @@ class SupportComparison:
 
     Attributes
     ----------
-    design : SupportDesign
     cantilever, cylinder : TwistedSolid
         Twisted about the vertical axis.
     horizontal : TwistedSolid
@@ -150,7 +149,6 @@ def compare_supports(
 
     Parameters
     ----------
-    torque_nm : float
     design : SupportDesign, optional
         Design; by default with the papers' proportions.
     size_m : float

@@ -67,8 +67,6 @@ def load_adaptively(
 
     Parameters
     ----------
-    devices : BenchDevices
-    setup : Setup
     profile : Profile
         With a table ``[adaptive]``.
     steps : sequence of Step

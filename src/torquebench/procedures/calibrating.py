@@ -137,7 +137,6 @@ def calibrate(
 
     Parameters
     ----------
-    devices : BenchDevices
     side : {"input", "output"}
     profile : Profile
         Profile that defines the steps over the module's range.
@@ -146,10 +145,6 @@ def calibrate(
         the result.
     before : ActiveChain, optional
         The model in use so far: the standard is compared with it before the series.
-
-    Returns
-    -------
-    StaircaseResult
 
     Raises
     ------
@@ -177,7 +172,6 @@ def verify(
 
     Parameters
     ----------
-    devices : BenchDevices
     side : {"input", "output"}
     profile : Profile
         Such as the packaged profile "verification": ten groups of 50 random points.

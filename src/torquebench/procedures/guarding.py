@@ -39,7 +39,6 @@ def torque_limits(devices: BenchDevices, side: Side, largest_nm: float) -> StepL
 
     Parameters
     ----------
-    devices : BenchDevices
     side : {"input", "output"}
         The driven module.
     largest_nm : float

@@ -111,10 +111,6 @@ def rehearse(devices: BenchDevices, plan: Plan[Result]) -> Rehearsal[Result]:
     plan : generator
         The plan; it is consumed.
 
-    Returns
-    -------
-    Rehearsal
-
     Raises
     ------
     LimitError

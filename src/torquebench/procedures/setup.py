@@ -88,8 +88,6 @@ def start_metadata(
 
     Parameters
     ----------
-    devices : BenchDevices
-    plan_name : str
     points : int
         Number of events that will be recorded.
     side : {"input", "output"}, optional
@@ -240,8 +238,6 @@ def measured_in(
 
     Parameters
     ----------
-    setup : Setup
-    devices : BenchDevices
     measuring : Plan
         Plan that measures within the run.
     metadata : dict of str to object

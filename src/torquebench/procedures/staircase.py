@@ -193,7 +193,6 @@ def load_staircase(
 
     Parameters
     ----------
-    devices : BenchDevices
     setup : Setup
         Setup of the run; used again for steps that re-seat the standard.
     steps : sequence of Step

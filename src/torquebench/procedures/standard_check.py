@@ -181,7 +181,6 @@ class TakenStep(NamedTuple):
 
     Parameters
     ----------
-    step : Step
     row : mapping, optional
         Steady value of a point by field.
     standard_zero : float, optional
@@ -201,9 +200,7 @@ class StandardCheck(Movable[TakenStep]):
 
     Parameters
     ----------
-    devices : BenchDevices
     side : {"input", "output"}
-    standard : StandardDescription
     limits : Plausibility
         Limits in the profile.
     before : ActiveChain, optional

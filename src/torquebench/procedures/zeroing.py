@@ -53,16 +53,11 @@ def zero(
 
     Parameters
     ----------
-    devices : BenchDevices
     side : {"input", "output"}
     duration_s : float
         Length of the averaging window, s.
     standard : bool
         Whether to zero the mounted standard's transducer of this side as well.
-
-    Returns
-    -------
-    ZeroResult
     """
     found = yield from measure_zero(devices, side, duration_s=duration_s, standard=standard)
     yield from set_mode(devices, side, "driven")
@@ -96,12 +91,7 @@ def measure_zero(
 def zero_modules(
     devices: BenchDevices, sides: Sequence[Side] = SIDES, *, duration_s: float = 1.0
 ) -> Plan[dict[Side, ZeroResult]]:
-    """Zero modules, set free and unloaded, without driving them again; the drives are off.
-
-    Returns
-    -------
-    dict of side to ZeroResult
-    """
+    """Zero modules, set free and unloaded, without driving them again; the drives are off."""
     found: dict[Side, ZeroResult] = {}
     metadata = start_metadata(devices, "zero_modules", len(sides), sides=list(sides))
 

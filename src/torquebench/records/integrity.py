@@ -181,10 +181,6 @@ def check_records(
         rewritten doesn't contain them.
     folders : bool, default True
         Whether run folders and files are compared too, which reads all of them.
-
-    Returns
-    -------
-    IntegrityReport
     """
     check = _Check(registry)
     findings = [*survived("chain", check.chain()), *check.rows()]

@@ -337,8 +337,6 @@ class BreakawayResult:
         Median of each direction.
     largest_nm, smallest_nm : float
         Over all runs: the spread.
-    runs : tuple of BreakawayRun
-    findings : tuple of Finding
     """
 
     kind: BreakawayKind
@@ -419,7 +417,6 @@ def evaluate_breakaway(
         Driven from the input, or from the output.
     run, position : array, shape (n,), optional
         Labels of each ramp and its position; without `run` everything is one ramp.
-    uncertainty : TorqueUncertainty, optional
     resolution_rad : float
         Resolution of the angle: smaller changes don't count as motion; the visible one by default.
     presliding_rad : float

@@ -18,7 +18,6 @@ class Change:
 
     Parameters
     ----------
-    key : str
     change : Budget
         Value after less value before, in the unit of both; errors of one calibration cancel.
     relative_percent : float
@@ -39,7 +38,6 @@ class SpecimenComparison:
 
     Parameters
     ----------
-    key : str
     specimens : mapping of str to Budget
         By serial number.
     mean : Budget

@@ -130,7 +130,6 @@ class ReducerDescription(_Settings):
     highest_error_order : float or None
         Highest order per output revolution of the transmission error that is reported; by
         default three times the ratio.
-    limits : DataSheetLimits
     certified_friction : tuple of CertifiedFriction
         Friction that a standard reducer's certificate states, at rising speeds.
     certificate : str

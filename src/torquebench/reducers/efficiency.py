@@ -123,7 +123,6 @@ class EfficiencyMap:
         Input turns for one output turn, negative where reversed.
     points : tuple of EfficiencyPoint
         Points, sorted by driving side, speed and torque.
-    findings : tuple of Finding
     means : tuple of EfficiencyPoint
         Mean of both directions where both were driven: errors of the zeros cancel.
     """

@@ -83,8 +83,6 @@ class LimitedQuantity:
 
     Parameters
     ----------
-    key, title : str
-    estimate : Budget
     lower, upper : float or None
         Limits in the estimate's unit; None without one.
     """
@@ -196,7 +194,6 @@ def refuse(estimate: Budget, share: float, what: str) -> None:
 
     Parameters
     ----------
-    estimate : Budget
     share : float
         Largest allowed U as a share of the value's magnitude.
     what : str

@@ -16,8 +16,6 @@ class QuantityVerdict:
     ----------
     key : str
         Key of the quantity, as in ``result.quantities()``.
-    title : str
-    estimate : Budget
     limit : str
         Limit as text with its unit, such as ``"≤ 1 arcmin"``.
     decision : Decision
@@ -33,11 +31,6 @@ class QuantityVerdict:
 
 def verdicts(result: ReducerResult, description: ReducerDescription) -> tuple[QuantityVerdict, ...]:
     """Compare every value that the data sheet limits with its limit.
-
-    Parameters
-    ----------
-    result : ReducerResult
-    description : ReducerDescription
 
     Returns
     -------

@@ -43,10 +43,7 @@ class Cia402Node:
 
     Parameters
     ----------
-    plant : Plant
     side : {"input", "output"}
-    node : int
-    velocity_units_per_rpm : float
     faults : WireFaults
         Faults such as freezing and lying.
     """

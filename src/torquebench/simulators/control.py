@@ -44,8 +44,6 @@ class ControlServer(LineServer):
 
     Parameters
     ----------
-    plant : Plant
-    misbehaviour : Misbehaviour
     host, port
         With port 0, a free port is chosen, which `port` then holds.
     """

@@ -367,10 +367,8 @@ class DaqmxSimulator(LineServer):
 
     Parameters
     ----------
-    plant : Plant
     wiring : dict of counter to channel or side
         Such as `{"Dev1/ctr0": "input_torque", "Dev1/ctr4": "input"}`.
-    faults : WireFaults
     host, port
         With port 0, a free port is chosen, which `port` then holds.
     """

@@ -21,8 +21,6 @@ class LineServer(ABC):
 
     Parameters
     ----------
-    faults : WireFaults
-    host : str
     port : int
         With 0, a free port is chosen, which `port` then holds.
     """

@@ -86,7 +86,6 @@ class WireFaults:
 
     Parameters
     ----------
-    name : str
     random_source : random.Random
         Random source for the garbled bytes.
     """
@@ -270,7 +269,6 @@ class Misbehaviour:
 
         Parameters
         ----------
-        endpoint : str
         kind : str
             See the module.
         amount : float, optional

@@ -50,11 +50,8 @@ class ModbusSimulator(LineServer):
 
     Parameters
     ----------
-    image : Image
-    faults : WireFaults
     host, port
         With port 0, a free port is chosen, which `port` then holds.
-    unit : int
     base : int
         First register of the image.
     """

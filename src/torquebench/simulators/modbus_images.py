@@ -36,7 +36,6 @@ class Image(ABC):  # noqa: B024 - no instrument has every table
 
     Parameters
     ----------
-    plant : Plant
     faults : WireFaults
         Injected faults of its values and actions.
     model, serial : str

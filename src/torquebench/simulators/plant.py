@@ -79,7 +79,6 @@ class Plant:
     ----------
     description : BenchDescription
         Description whose section `[driver.simulation]` is `options`.
-    options : SimulationOptions
     """
 
     def __init__(self, description: BenchDescription, options: SimulationOptions) -> None:

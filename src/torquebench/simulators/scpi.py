@@ -365,8 +365,6 @@ class ScpiSimulator(LineServer):
 
     Parameters
     ----------
-    instrument : ScpiInstrument
-    faults : WireFaults
     host, port
         With port 0, a free port is chosen, which `port` then holds.
     """

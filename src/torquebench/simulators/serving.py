@@ -42,11 +42,6 @@ class Simulators:
     description : BenchDescription
         Description with `bench.driver = "instruments"` and a section `[driver.simulation]`.
 
-    Attributes
-    ----------
-    plant : Plant
-    misbehaviour : Misbehaviour
-
     Raises
     ------
     InputError
@@ -115,7 +110,6 @@ class Simulators:
         ----------
         role : str
             Name of the endpoint for injected faults.
-        address : str
         start : callable
             Function of the endpoint's faults, host and port that starts the server.
         kind : str

@@ -91,7 +91,6 @@ def back_up(data: Path, target: Path, progress: Progress = NO_PROGRESS) -> Backu
 
     Parameters
     ----------
-    data : pathlib.Path
     target : pathlib.Path
         A new or empty folder, or an earlier backup of the same records.
     progress : Progress
@@ -417,7 +416,6 @@ def _refuse_links(folder: Path, names: tuple[str, ...] = ()) -> None:
 
     Parameters
     ----------
-    folder : pathlib.Path
     names : tuple of str
         Names in the folder to check; by default all.
     """

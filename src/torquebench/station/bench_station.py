@@ -76,15 +76,6 @@ class Station:
 
     Attributes
     ----------
-    description : BenchDescription
-    data_dir : pathlib.Path
-    drivers : DriverSet
-    clock : BenchClock
-    acquisition : Acquisition
-    supervisor : SafetySupervisor
-    state : PresentState
-    devices : BenchDevices
-    registry : Registry
     interrupt_action : {"abort", "pause"}
         Action of the first Ctrl-C during a run; a second one always aborts.
     """
@@ -310,7 +301,6 @@ class Station:
 
         Parameters
         ----------
-        plan : generator of Msg
         kind : str
             Kind of run, such as "calibrate-output": letters, digits and hyphens.
         metadata : mapping, optional

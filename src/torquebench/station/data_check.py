@@ -63,7 +63,6 @@ def check_data_directory(
 
     Parameters
     ----------
-    data : pathlib.Path
     anchors : tuple of ChainHead
         Ends of the chain that were noted earlier.
     folders : bool, default True

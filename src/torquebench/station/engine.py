@@ -67,8 +67,6 @@ class BenchEngine:
 
     Parameters
     ----------
-    clock : BenchClock
-    supervisor : SafetySupervisor
     procedure_s : float
         For how long a monitored plan may neither send a message nor wait for the bench, s.
 

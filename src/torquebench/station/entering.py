@@ -27,7 +27,6 @@ def enter_run(registry: Registry, folder: RunFolder) -> None:
 
     Parameters
     ----------
-    registry : Registry
     folder : RunFolder
         Folder of a running or sealed run.
 

@@ -39,7 +39,6 @@ class RunJournal:
 
     Parameters
     ----------
-    writer : RunWriter
     probes : sequence of str
         Temperature probes in the bench description.
     signals : mapping of channel to str
@@ -151,7 +150,6 @@ class QueuedJournal:
 
     Parameters
     ----------
-    journal : JournalSink
     maximum : int
         Largest number of waiting blocks.
     """

@@ -36,8 +36,6 @@ def compensation_for(
 
     Parameters
     ----------
-    registry : Registry
-    description : BenchDescription
     counter : str
         Identity of the counter that measures.
     side : {"input", "output"}

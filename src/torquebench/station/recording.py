@@ -36,8 +36,6 @@ class RunRecord:
 
     Parameters
     ----------
-    run_id : str
-    kind : str
     folder : pathlib.Path
         The sealed run folder.
     exit_status : {"success", "abort"}
@@ -73,14 +71,12 @@ class OpenRun:
 
     Parameters
     ----------
-    context : BenchContext
     registry : Registry
         Registry whose chain end is noted in the folder; only the queue writes to it.
     queue : RegistryQueue
         Enters the run into the registry at its start and end.
     runs : pathlib.Path
         Folder of all runs.
-    kind : str
     metadata : mapping
         Metadata of the run in addition to the bench's.
     """

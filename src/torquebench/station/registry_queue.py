@@ -26,7 +26,6 @@ class RegistryQueue:
 
     Parameters
     ----------
-    registry : Registry
     on_trouble : callable
         Called with the error and the number of waiting runs when the registry begins to fail.
     on_caught_up : callable

@@ -29,7 +29,6 @@ class RecoveredRun:
 
     Parameters
     ----------
-    run_id, kind, side : str
     points : int
         Number of acknowledged points.
     torn_bytes : int

@@ -312,7 +312,6 @@ class BenchTwin:
 
         Parameters
         ----------
-        temperature_c : float
         shafts_behind_k : float
             Temperature difference of transducers and shafts, as during warming.
         """

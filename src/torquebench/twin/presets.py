@@ -32,7 +32,6 @@ class SideDesign:
         Limit of zero and span drift per kelvin.
     chain : Chain
         Mean geometry, misalignments and coefficients.
-    motor_inertia_kgm2, flange_inertia_kgm2, transducer_stiffness_nm_rad,
     coupling_stiffness_nm_rad, damping_ratio : float
         Torsional dynamics.
     bandwidth_rad_s, acceleration_rad_s2, drag : float

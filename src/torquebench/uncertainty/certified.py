@@ -97,7 +97,6 @@ class CertifiedUncertainty:
         text : str
             % of range such as ``0.02``, % of the torque such as ``0.02 of torque``, or certified
             torques with their U in N·m such as ``40: 0.4, 2000: 0.4``.
-        range_nm : float
 
         Raises
         ------

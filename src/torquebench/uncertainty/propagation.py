@@ -153,7 +153,6 @@ def monte_carlo(
 
     Parameters
     ----------
-    budget : Budget
     generator : numpy.random.Generator
         Source of the draws; the same state gives the same result.
     coverage_probability : float
@@ -220,7 +219,6 @@ def check_by_monte_carlo(
 
     Parameters
     ----------
-    budget : Budget
     generator, coverage_probability, maximum_trials
         As in `monte_carlo`, which is run with a fifth of the tolerance.
     significant_digits : int

@@ -53,7 +53,6 @@ class AuditLog:
     ----------
     folder : pathlib.Path
         Folder of the log; created with the first line.
-    bench : str
     bench_time : callable
         Bench time, s.
     largest_bytes, kept_files : int

@@ -56,9 +56,7 @@ class AuditedDrive:
 
     Parameters
     ----------
-    drive : Drive
     side : {"input", "output"}
-    log : AuditLog
     by : {"procedure", "supervisor", "doctor"}
         The origin of commands through this object.
     gate : callable
@@ -231,8 +229,6 @@ def audited(
 
     Parameters
     ----------
-    drivers : DriverSet
-    log : AuditLog
     by : {"procedure", "supervisor", "doctor"}
         The origin of commands through the result.
     gate : callable

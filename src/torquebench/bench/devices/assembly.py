@@ -38,21 +38,12 @@ class Module(Device):
 class BenchDevices(Device):
     """All devices that a plan may use.
 
-    Parameters
-    ----------
-    context : BenchContext
-
     Attributes
     ----------
     input, output : Module
         The two modules; `module(side)` picks one.
     reference : Reference
         The mounted calibrator or verification standard.
-    clamp : ClampDevice
-    rail : GuideRailDevice
-    mounting : MountingDevice
-    seat : SeatDevice
-    temperatures : TemperatureProbes
     point : PointLabel
         Stamp for the events of a procedure.
     recorder : Recorder

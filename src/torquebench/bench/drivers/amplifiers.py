@@ -79,8 +79,6 @@ class AmplifierCounter(DescribedCounter):
 
     Parameters
     ----------
-    amplifier : Amplifier
-    request : InstrumentRequest
     channels : iterable of str
         Bench channels that it serves.
 
@@ -171,7 +169,6 @@ class AmplifierReadout:
     ----------
     amplifier : Amplifier
         Amplifier with the channels `input_reference`, `output_reference` or both.
-    period_s : float
     """
 
     def __init__(self, amplifier: Amplifier, period_s: float) -> None:

@@ -41,8 +41,6 @@ class CounterWithAngles:
 
     Parameters
     ----------
-    counter : CounterCard
-    source : AngleSource
     window_s : float
         The counter's window: parts are whole windows.
     """

@@ -124,13 +124,7 @@ def load_dictionary() -> Any:
 
 
 class CanopenLink(Link[Any]):
-    """One node on a CANopen bus, accessed by SDO.
-
-    Parameters
-    ----------
-    name : str
-    options : Cia402Options
-    """
+    """One node on a CANopen bus, accessed by SDO."""
 
     def __init__(self, name: str, options: Cia402Options) -> None:
         bus = options.bus
@@ -285,9 +279,7 @@ class Cia402Drive:
 
     Parameters
     ----------
-    link : CanopenLink
     side : {"input", "output"}
-    options : Cia402Options
     watchdog_s : float
         Time without this computer's heartbeat after which the drive enters its fault state.
     """

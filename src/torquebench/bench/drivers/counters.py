@@ -27,7 +27,6 @@ class DescribedCounter:
 
     Parameters
     ----------
-    counting : CounterDescription
     channels : iterable of str
         Channels that it serves.
 

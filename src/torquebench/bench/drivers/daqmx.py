@@ -150,11 +150,6 @@ class _Periods:
 class DaqmxCounter(LibraryCounter):
     """The counters of one NI-DAQmx device as the bench's counter card.
 
-    Parameters
-    ----------
-    options : DaqmxOptions
-    description : BenchDescription
-
     Raises
     ------
     BenchError

@@ -20,12 +20,7 @@ class _Details(NamedTuple):
 
 
 class Deadline(grpc.UnaryUnaryClientInterceptor):
-    """Interceptor that limits the duration of every call.
-
-    Parameters
-    ----------
-    timeout_s : float
-    """
+    """Interceptor that limits the duration of every call."""
 
     def __init__(self, timeout_s: float) -> None:
         self._timeout_s = timeout_s

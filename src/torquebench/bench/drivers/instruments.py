@@ -201,7 +201,6 @@ def open_role(description: BenchDescription, key: str) -> Any:
 
     Parameters
     ----------
-    description : BenchDescription
     key : str
         Its section: "counter", "angles", "input_drive", "output_drive", "reference",
         "temperature", "modes", "clamp", "guide_rail" or "power_supply".
@@ -282,7 +281,6 @@ class GearedDrive:
 
     Parameters
     ----------
-    drive : Drive
     ratio : float
         Turns of the motor per turn of the shaft, negative where the gear reverses.
     name : str

@@ -186,9 +186,6 @@ class LineLink(Link[LineConnection]):
 
     Parameters
     ----------
-    name : str
-    options : LineOptions
-    timeout_s : float
     terminator : bytes
         Bytes that end a line.
     prologue, epilogue : bytes

@@ -5,15 +5,19 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from typing import Annotated, Generic, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Generic, Self, TypeVar
 
 from pydantic import Field, StringConstraints
 
 from torquebench.bench.drivers.recording import note, recording
 from torquebench.errors import BenchError, InputError, LimitError
 from torquebench.message import Message
+
+if TYPE_CHECKING:
+    from torquebench.bench.drivers.base import Drive
 
 __all__ = [
     "LONGEST_TIME_OUT_S",
@@ -25,6 +29,7 @@ __all__ = [
     "check_drive_order",
     "drive_timeout",
     "split_address",
+    "wait_until_enabled",
 ]
 
 Connection = TypeVar("Connection")
@@ -38,6 +43,7 @@ TimeOut = Annotated[float, Field(ge=0.02, le=30.0, description="s")]
 
 SwitchingTime = Annotated[float, Field(gt=0.0, le=30.0, description="s")]
 LONGEST_TIME_OUT_S = 0.3
+POLL_S = 0.005
 TRIES_A_WATCHDOG = 4
 """Number of time-outs in a drive's watchdog time: two attempts and a new connection, with
 margin."""
@@ -87,6 +93,20 @@ def check_drive_order(name: str, value: float, rate: float, maximum: float, unit
         )
     if not (rate > 0.0 and math.isfinite(rate)):
         raise InputError(Message("rate {rate:g} {unit}/s", rate, unit), "a rate above 0")
+
+
+def wait_until_enabled(drive: Drive, name: str, switching_s: float) -> None:
+    """Feed a drive's watchdog until it has power; raise BenchError at a fault or after a time."""
+    deadline = time.monotonic() + switching_s
+    while not (state := drive.state()).enabled:
+        if state.fault or time.monotonic() > deadline:
+            raise BenchError(
+                Message("{name} stays off: {fault}", name, state.fault or "no reason given"),
+                Message("an enabled drive within {switching_s:g} s", switching_s),
+                "read the drive's fault code and the safety circuit",
+            )
+        drive.feed_watchdog()
+        time.sleep(POLL_S)
 
 
 class WireError(Exception):

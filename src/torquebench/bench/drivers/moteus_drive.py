@@ -21,6 +21,7 @@ from torquebench.bench.drivers.links import (
     WireError,
     check_drive_order,
     drive_timeout,
+    wait_until_enabled,
 )
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest, require_library
 from torquebench.bench.drivers.stepping import Stepper
@@ -35,7 +36,6 @@ COUNTS_PER_TURN = 100_000
 REPLY, BUS_SIZES, NO_OPERATION = 0x8000, (*range(9), 12, 16, 20, 24, 32, 48, 64), b"\x50"
 MOST_FOREIGN = 50
 """Largest number of frames of other nodes that are skipped before an answer."""
-POLL_S = 0.005
 SHORTEST_TIME_S = 0.01
 
 
@@ -90,9 +90,7 @@ class MoteusDrive:
 
     Parameters
     ----------
-    link : MoteusLink
     side : {"input", "output"}
-    options : MoteusOptions
     watchdog_s : float
         Time without feeding after which the controller goes to its time-out mode, s.
     """
@@ -174,20 +172,7 @@ class MoteusDrive:
         self._fed_s = time.monotonic()
         self._stepper.feed()
         self._send()
-        deadline = time.monotonic() + self._options.switching_s
-        while not (state := self.state()).enabled:
-            if state.fault or time.monotonic() > deadline:
-                raise BenchError(
-                    Message(
-                        "{name} stays off: {fault}",
-                        self._link.name,
-                        state.fault or "no reason given",
-                    ),
-                    Message("an enabled drive within {switching_s:g} s", self._options.switching_s),
-                    "read the drive's fault code and the safety circuit",
-                )
-            self.feed_watchdog()
-            time.sleep(POLL_S)
+        wait_until_enabled(self, self._link.name, self._options.switching_s)
 
     def disable(self) -> None:
         """Switch off the motor's power."""

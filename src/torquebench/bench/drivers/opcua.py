@@ -20,7 +20,7 @@ from torquebench.bench.drivers.plugins import (
     Options,
     require_library,
 )
-from torquebench.errors import BenchError, InputError
+from torquebench.errors import BenchError
 from torquebench.message import Message
 
 __all__ = ["PLUGIN", "OpcUaProbes", "OpcUaServer"]
@@ -59,11 +59,8 @@ class OpcUaServer(Link[Any]):
 
     Parameters
     ----------
-    name : str
-    options : ServerOptions
     nodes : mapping of str to str
         Node by the name of its value.
-    timeout_s : float
     """
 
     def __init__(
@@ -186,13 +183,7 @@ def _amplifier(request: InstrumentRequest) -> Any:
 
 def _probes(request: InstrumentRequest) -> OpcUaProbes:
     options: ProbeOptions = request.read(ProbeOptions)
-    missing = set(request.description.temperatures) - set(options.probes)
-    if missing:
-        raise InputError(
-            Message("{section}.probes without {missing}", request.section, sorted(missing)[0]),
-            "every probe of the list `temperatures`",
-            "add its register",
-        )
+    request.check_probes(options.probes)
     with OpcUaServer("temperature", options, options.probes, options.timeout_s).kept() as server:
         return OpcUaProbes(server)
 

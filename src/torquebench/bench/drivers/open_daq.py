@@ -65,11 +65,6 @@ class OpenDaqCounter(LibraryCounter):
 
     It reads no encoders: the bench needs a section `[driver.angles]`.
 
-    Parameters
-    ----------
-    options : OpenDaqOptions
-    counting : CounterDescription
-
     Raises
     ------
     BenchError

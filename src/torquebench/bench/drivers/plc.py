@@ -27,11 +27,12 @@ from torquebench.bench.drivers.links import (
     TimeOut,
     check_drive_order,
     drive_timeout,
+    wait_until_enabled,
 )
 from torquebench.bench.drivers.modbus.register_map import Coil, Contact
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest, Options, Role
 from torquebench.bench.roles import SIDES
-from torquebench.errors import BenchError, InputError
+from torquebench.errors import BenchError
 from torquebench.message import Message
 
 __all__ = ["COMMAND", "FIXTURE", "REPORT", "PlcLink", "PlcOptions", "plc_plugin"]
@@ -199,7 +200,6 @@ class PlcDrive:
 
     Parameters
     ----------
-    link : PlcLink
     structure : str
         Variable, or data block, with the fields of `COMMAND` and `REPORT`.
     side : {"input", "output"}
@@ -287,20 +287,7 @@ class PlcDrive:
         self._order(Control.RESET)
         self.feed_watchdog()
         self._order(Control.ON)
-        deadline = time.monotonic() + self._switching_s
-        while not (state := self.state()).enabled:
-            if state.fault or time.monotonic() > deadline:
-                raise BenchError(
-                    Message(
-                        "{name} stays off: {fault}",
-                        self._link.name,
-                        state.fault or "no reason given",
-                    ),
-                    Message("an enabled drive within {switching_s:g} s", self._switching_s),
-                    "read the drive's fault code and the safety circuit",
-                )
-            self.feed_watchdog()
-            time.sleep(POLL_S)
+        wait_until_enabled(self, self._link.name, self._switching_s)
 
     def disable(self) -> None:
         """Switch off the motor's power."""
@@ -390,7 +377,6 @@ def plc_plugin(name: str, base: type[PlcOptions], variable: Any, life: Any, open
 
     Parameters
     ----------
-    name : str
     base : type
         Options with the address.
     variable, life : annotated str
@@ -432,13 +418,7 @@ def plc_plugin(name: str, base: type[PlcOptions], variable: Any, life: Any, open
 
     def probes(request: InstrumentRequest) -> PlcProbes:
         options = request.read(Probes)
-        missing = set(request.description.temperatures) - set(options.probes)
-        if missing:
-            raise InputError(
-                Message("{section}.probes without {missing}", request.section, sorted(missing)[0]),
-                "every probe of the list `temperatures`",
-                "add its register",
-            )
+        request.check_probes(options.probes)
         with linked(request, options).kept() as link:
             return PlcProbes(link, options.probes, options.life)
 

@@ -8,7 +8,7 @@ when a bench description names them. Another package adds a protocol by an entry
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
@@ -66,12 +66,10 @@ class InstrumentRequest:
 
     Parameters
     ----------
-    role : str
     section : str
         Section that contains its keys, such as `driver.input_drive`.
     options : mapping
         The keys except `protocol`.
-    description : BenchDescription
     side : {"input", "output"} or None
         Side of a drive.
     """
@@ -85,6 +83,16 @@ class InstrumentRequest:
     def read(self, model: type[Any]) -> Any:
         """Check the section's keys against a model, and return them; raises `InputError`."""
         return validated(model, self.options, f"{self.description.name}: {self.section}")
+
+    def check_probes(self, probes: Collection[str]) -> None:
+        """Refuse a section that lacks one of the bench's temperature probes."""
+        missing = set(self.description.temperatures) - set(probes)
+        if missing:
+            raise InputError(
+                Message("{section}.probes without {missing}", self.section, sorted(missing)[0]),
+                "every probe of the list `temperatures`",
+                "add its register",
+            )
 
 
 Opener = Callable[[InstrumentRequest], Any]
@@ -136,7 +144,6 @@ def find_plugin(name: str, key: str) -> DriverPlugin:
 
     Parameters
     ----------
-    name : str
     key : str
         The key of the bench description that names it, for the message.
 

@@ -31,10 +31,6 @@ class SampleClock:
     start, the times are unknown: samples are kept until they are known. A sample that is later than
     the block is kept for the block that it belongs to.
 
-    Parameters
-    ----------
-    period_s : float
-
     Examples
     --------
     >>> clock = SampleClock(0.01)

@@ -25,8 +25,6 @@ class SocketcandBus(can.BusABC):
     ----------
     channel : str
         Name of the bus at the server.
-    host : str
-    port : int
     timeout_s : float
         Time-out for connecting and for each answer of the greeting.
 

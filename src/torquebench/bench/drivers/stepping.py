@@ -20,10 +20,6 @@ class Stepper:
     """A set point on its way to a target at a rate, written every 10 ms by a thread of its own.
 
     While the watchdog isn't fed, it stays where it is: the drive's watchdog acts.
-
-    Parameters
-    ----------
-    watchdog_s : float
     """
 
     def __init__(self, watchdog_s: float) -> None:

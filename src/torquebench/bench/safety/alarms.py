@@ -190,7 +190,6 @@ class Alarm:
 
     Parameters
     ----------
-    kind : AlarmKind
     source : str
         Channel, side, probe, heartbeat or instrument.
     found, allowed, remedy : str
@@ -198,7 +197,6 @@ class Alarm:
         project.
     time_s : float
         Bench time.
-    level : AlarmLevel
     number : int
         Number of the alarm since the bench was opened, from 1.
     raised : datetime.datetime
@@ -237,7 +235,6 @@ class RaisedAlarm:
 
     Parameters
     ----------
-    alarm : Alarm
     cleared : datetime.datetime or None
         Time at which a warning's cause disappeared, UTC; None while it is active.
     acknowledged_by : str

@@ -33,7 +33,6 @@ class DriveWorker:
     Parameters
     ----------
     side : {"input", "output"}
-    drive : Drive
     threaded : bool
         Whether to use a separate thread, because the drive may block; otherwise the caller's
         thread.

@@ -87,11 +87,6 @@ class FollowingJudge:
     With a standard mounted the flanges are fixed, so that the reading must equal the commanded
     torque, even while the standard's shaft changes its speed. With a reducer, which may turn, the
     controlled quantity (torque or speed) must be between zero and the command.
-
-    Parameters
-    ----------
-    description : BenchDescription
-    commands : CommandState
     """
 
     def __init__(self, description: BenchDescription, commands: CommandState) -> None:

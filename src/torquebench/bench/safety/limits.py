@@ -70,12 +70,7 @@ def tightened(limits: SideLimits, step: StepLimits) -> SideLimits:
 
 
 class LimitBook:
-    """Limits in force on each side; thread-safe.
-
-    Parameters
-    ----------
-    description : BenchDescription
-    """
+    """Limits in force on each side; thread-safe."""
 
     def __init__(self, description: BenchDescription) -> None:
         self._lock = threading.Lock()

@@ -112,9 +112,6 @@ class SignalJudge:
 
     Parameters
     ----------
-    description : BenchDescription
-    limits : LimitBook
-    commands : CommandState
     readout : ReferenceReadout, optional
         Read-out of a standard that delivers torque itself, with its own clock.
     """

@@ -78,9 +78,6 @@ class SafetySupervisor:
     ----------
     description : BenchDescription
         Limits of both sides and the section `[safety]`.
-    drivers : DriverSet
-    clock : BenchClock
-    commands : CommandState
 
     Attributes
     ----------

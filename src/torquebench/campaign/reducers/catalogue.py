@@ -29,7 +29,6 @@ class ReducerTest:
 
     Parameters
     ----------
-    name, title : str
     about : str
         Driven side, held side and measured quantity, in one sentence.
     axes : tuple of str

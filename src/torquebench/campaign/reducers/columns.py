@@ -31,7 +31,6 @@ class ReducerColumns:
         Number of each row in the file.
     counted : str
         Word for a place in the file: "line" or "row".
-    understood : Understood
     notes : tuple of str
         Notes about content that the reader ignored.
     """

@@ -20,8 +20,6 @@ class SpecimenQuantity:
 
     Parameters
     ----------
-    title : str
-    estimate : Budget
     limit, verdict : str
         Limit of the data sheet, and verdict; empty without a limit.
     """
@@ -38,10 +36,8 @@ class SpecimenResults:
 
     Parameters
     ----------
-    run_id, test, reducer, serial, bench : str
     chain : mapping or None
         Active models at that time.
-    simulated : bool
     short : bool
         Whether the test was a short one.
     quantities : mapping of str to SpecimenQuantity

@@ -68,7 +68,6 @@ class Preparation:
 
     Parameters
     ----------
-    name, title : str
     plan : callable
         Returns its plan.
     learn : callable
@@ -93,8 +92,6 @@ def preparations(
     ----------
     tests : collection of ReducerTest
         Tests that will be run.
-    limits : ReducerLimits
-    settings : ReducerTestSettings
     rotating : collection of side
         Sides whose measuring chain corrects the effects of rotation: they need an empty run only if
         the settings require it.

@@ -55,7 +55,6 @@ def result_quantities(
 
     Parameters
     ----------
-    result : ReducerResult or FrictionResult
     judged : sequence of QuantityVerdict
         Quantities with a limit in the data sheet.
     conditional : bool

@@ -50,8 +50,6 @@ class RecordedTest:
 
     Parameters
     ----------
-    test : str
-    reducer : ReducerDescription
     settings : object
         Settings of the test's plan.
     short : bool

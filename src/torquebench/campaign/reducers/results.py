@@ -114,7 +114,6 @@ class ReducerTestRecord:
         Whether figures must be labelled "simulated".
     started : datetime
         In UTC.
-    bench_name, operator, software_version : str
     bench_seconds : float
         Duration in bench time, s.
     """
@@ -155,7 +154,6 @@ class ReducerTestRehearsal:
 
     Attributes
     ----------
-    name, title : str
     duration_s : float
         Bench time without waiting for steady temperature or settling, s.
     longest_s : float

@@ -105,13 +105,7 @@ def cold_efficiency(warm_up_s: float) -> tuple[Unsampled, ...]:
 
 @dataclass(frozen=True)
 class PartlySampled:
-    """A result whose budgets include the reduced sampling.
-
-    Parameters
-    ----------
-    result : ReducerResult
-    unsampled : tuple of Unsampled
-    """
+    """A result whose budgets include the reduced sampling."""
 
     result: ReducerResult
     unsampled: tuple[Unsampled, ...]

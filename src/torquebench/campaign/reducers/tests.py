@@ -145,12 +145,10 @@ def run_reducer_test(
 
     Parameters
     ----------
-    station : Station
     name : str
         One of `TESTS`.
     reducer : ReducerDescription
         Its type: ratio, limits, data sheet.
-    settings : ReducerTestSettings, optional
     serial : str
         Of the specimen.
     **options

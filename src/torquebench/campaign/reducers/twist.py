@@ -30,7 +30,6 @@ class TwistCompliance:
     ----------
     rad_per_nm : float
         Slope over the whole range of torque.
-    standard_uncertainty_rad_per_nm : float
     source : str
         Origin of the values, for the record.
     level_nm, bend_rad : tuple of float

@@ -41,7 +41,6 @@ class Bench:
 
     Parameters
     ----------
-    description : BenchDescription
     twists : mapping of side to TwistCompliance
         Twist between each encoder and its flange; missing if unknown.
     tares : mapping of side to Tare
@@ -258,7 +257,6 @@ def torque_of_loading(parts: TorqueParts, torque_nm: FloatArray) -> TorqueUncert
 
     Parameters
     ----------
-    parts : TorqueParts
     torque_nm : float64[n]
         Torques of the loading, N·m.
     """

@@ -99,7 +99,6 @@ class Block:
 
     Parameters
     ----------
-    name : str
     group : str
         The table to which it contributes, "" for effects of the calibration only.
     columns : callable

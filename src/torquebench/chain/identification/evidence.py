@@ -81,7 +81,6 @@ class Posterior:
         Mean of the covariances at both ends of each axis.
     noise : float64 array of shape (g,)
         Standard deviation of the rows of each group.
-    log_evidence : float
     theta : float64 array
         Logarithms of scales and noise.
     """

@@ -26,12 +26,6 @@ def export_header(path: Path, table: CompensationTable, provenance: Provenance) 
     ----------
     path : Path
         File to be written; ``output_module.h`` gives ``output_module_torque``.
-    table : CompensationTable
-    provenance : Provenance
-
-    Returns
-    -------
-    path : Path
     """
     atomic_write(path, header_text(table, provenance, identifier(path)).encode("ascii"))
     return path
@@ -42,8 +36,6 @@ def header_text(table: CompensationTable, provenance: Provenance, prefix: str) -
 
     Parameters
     ----------
-    table : CompensationTable
-    provenance : Provenance
     prefix : str
         A C identifier that all names start with.
 

@@ -45,14 +45,8 @@ def export_csv(
     ----------
     path : Path
         Where to.
-    table : CompensationTable
-    provenance : Provenance
     decimal_comma : bool, default False
         Whether numbers have a comma, as German LabVIEW and Excel read them; semicolons between.
-
-    Returns
-    -------
-    path : Path
 
     Notes
     -----
@@ -87,10 +81,6 @@ def export_csv(
 
 def table_nodes(table: CompensationTable) -> tuple[FloatArray, float]:
     """Choose readings such that linear interpolation between them follows the table.
-
-    Parameters
-    ----------
-    table : CompensationTable
 
     Returns
     -------

@@ -74,10 +74,6 @@ def export_table(
     decimal_comma : bool, default False
         Whether numbers of a CSV have a comma, and semicolons between them.
 
-    Returns
-    -------
-    path : Path
-
     Raises
     ------
     InputError

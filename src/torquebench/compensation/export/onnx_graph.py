@@ -32,13 +32,8 @@ def export_onnx(path: Path, table: CompensationTable, provenance: Provenance) ->
     ----------
     path : Path
         Where to.
-    table : CompensationTable
     provenance : Provenance
         Origin of the model, which is also stored in the ONNX metadata.
-
-    Returns
-    -------
-    path : Path
 
     Raises
     ------

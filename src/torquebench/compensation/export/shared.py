@@ -24,11 +24,6 @@ def identifier(path: Path) -> str:
 def provenance_lines(table: CompensationTable, provenance: Provenance) -> list[str]:
     """Describe a table in lines of text: content, units, accuracy and origin.
 
-    Parameters
-    ----------
-    table : CompensationTable
-    provenance : Provenance
-
     Returns
     -------
     lines : list of str

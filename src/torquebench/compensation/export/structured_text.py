@@ -26,12 +26,6 @@ def export_structured_text(path: Path, table: CompensationTable, provenance: Pro
     ----------
     path : Path
         Where to; ``output_module.st`` gives ``output_module_compensation``.
-    table : CompensationTable
-    provenance : Provenance
-
-    Returns
-    -------
-    path : Path
     """
     prefix = identifier(path)
     comments = "\n".join(line.replace("*)", "* )") for line in provenance_lines(table, provenance))

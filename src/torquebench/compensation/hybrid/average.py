@@ -121,7 +121,6 @@ def average(problem: Problem, weights: FloatArray) -> tuple[list[Member], FloatA
 
     Parameters
     ----------
-    problem : Problem
     weights : float64 array of shape (n,)
         Weights of the points.
     """

@@ -81,10 +81,8 @@ class Problem:
 
     Parameters
     ----------
-    points : Points
     target : float64 array of shape (n,)
         Additional torque, as a multiple of `unit`.
-    parts : mapping of str to Part
     trend_scale : float
         Factor on the prior scales of the trend.
     whitening : float64 array of shape (n, n), optional
@@ -223,7 +221,6 @@ class _Solved:
         Whitened residuals, and the leverage of the points.
     root : float64 array of shape (n,)
         1 / √ν.
-    blocks : list of _Block
     """
 
     columns: FloatArray
@@ -316,9 +313,6 @@ class Member:
 
     Attributes
     ----------
-    problem : Problem
-    layout : Layout
-    weighting : Weighting
     theta : float64 array of shape (p,)
         Logarithms of the hyperparameters at the maximum of their posterior.
     log_posterior : float

@@ -92,10 +92,8 @@ def empty_run(
 
     Parameters
     ----------
-    devices : BenchDevices
     limits : ReducerLimits
         Limits of the reducer that is tested afterwards; its ratio gives the output's speeds.
-    settings : EmptyRunSettings, optional
 
     Raises
     ------

@@ -138,7 +138,6 @@ class BreakawayRecording:
     ----------
     side : {"input", "output"}
         The driven side: input for the starting torque, output for the back-driving torque.
-    ramps : tuple of Breakaway
     compensated : bool
         Whether the side's active model was applied.
     temperature_c : float
@@ -161,11 +160,8 @@ def breakaway(
 
     Parameters
     ----------
-    devices : BenchDevices
-    limits : ReducerLimits
     side : {"input", "output"}
         Input: starting torque. Output: back-driving torque.
-    settings : BreakawaySettings, optional
 
     Raises
     ------

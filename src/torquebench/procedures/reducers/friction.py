@@ -155,13 +155,8 @@ def friction_sweep(
 
     Parameters
     ----------
-    devices : BenchDevices
     settings : FrictionSettings, optional
         By default 20 to 1200 rpm up and down in both directions, three repeats.
-
-    Returns
-    -------
-    FrictionSweep
 
     Raises
     ------

@@ -137,7 +137,6 @@ class Loop:
         Output position, degrees.
     number : int
         Number of the loop at this position, from 1.
-    recording : SynchronousRecording
     """
 
     position_deg: float
@@ -151,7 +150,6 @@ class LoopRecording:
 
     Parameters
     ----------
-    loops : tuple of Loop
     torque_nm : float
         Largest commanded torque, N·m.
     compensated : mapping of side to bool
@@ -381,7 +379,6 @@ class BenchTwistRecording:
 
     Parameters
     ----------
-    recordings : mapping of side to SynchronousRecording
     standard_serial : str
         Serial number of the part that fixed the flanges.
     """

@@ -54,7 +54,6 @@ class RunningRecording:
         Temperature of the reducer, °C; NaN without a probe.
     time_s : float64[n]
         Bench time, s.
-    compensated : mapping of side to bool
     unsettled : int
         Number of points of which a reading still drifted.
     """

@@ -110,8 +110,6 @@ class TransmissionRecording:
 
     Parameters
     ----------
-    directions : tuple of AngleRecording
-    output_rpm : float
     revolutions : float
         Speed and revolutions as in the settings.
     temperature_c : float

@@ -42,7 +42,6 @@ def calibrate_turning(
 
     Parameters
     ----------
-    devices : BenchDevices
     side : {"input", "output"}
     profile : TurningProfile
         Profile of kind "calibration" or "verification".

@@ -66,7 +66,6 @@ class EmptySummary:
     Parameters
     ----------
     side : {"input", "output"}
-    series, rows : int
     zero : float
         Frequency of the zero that is subtracted from all readings.
     lowest_c, highest_c : float
@@ -182,7 +181,6 @@ def turn_empty(
 
     Parameters
     ----------
-    devices : BenchDevices
     side : {"input", "output"}
     profile : TurningProfile
         Profile of kind "empty".
@@ -235,7 +233,6 @@ def reach_temperature(
 
     Parameters
     ----------
-    devices, side, profile, series
     done : (int, int)
         Number of completed steps and of all steps, for the progress.
 

@@ -73,7 +73,6 @@ class Leg:
     ----------
     ramps : tuple of (float, float)
         Speed, 1/min, and rate, (1/min)/s.
-    hold_s : float
     what : str
         Description of the leg.
     """
@@ -94,7 +93,6 @@ class TorqueLeg:
 
     Parameters
     ----------
-    preload_nm : float
     ramps : tuple of (float, float)
         Torque, N·m, and rate, N·m/s.
     hold_s : float
@@ -118,7 +116,6 @@ class TurningPoint:
 
     Parameters
     ----------
-    speed_rpm, torque_nm : float
     branch : int
         +1 if the magnitude of the torque grows, -1 if it falls.
     series : int
@@ -198,7 +195,6 @@ class TurningProfile(_Settings):
 
     Parameters
     ----------
-    name, title : str
     kind : {"empty", "calibration", "verification", "dynamics"}
         "empty": nothing mounted; "calibration" and "verification": steady torques against the
         turning calibrator, at stated or at random values; "dynamics": steps and sines of torque
@@ -206,7 +202,6 @@ class TurningProfile(_Settings):
     speed_shares : list of float
         Rising shares of the largest speed; each in both directions. A verification draws speeds
         between the first and the last.
-    largest_rpm : dict of side to float
     hold_s, settle_s : float
         Shortest time at a speed, lengthened to whole revolutions, and settling time before it.
     ramps, temperatures, warm_up, swings

@@ -120,7 +120,6 @@ def step_torques(
 
     Parameters
     ----------
-    devices : BenchDevices
     side : {"input", "output"}
     profile : TurningProfile
         Profile of kind "dynamics".

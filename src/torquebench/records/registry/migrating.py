@@ -22,7 +22,6 @@ def upgrade(engine: Engine, *, read_only: bool = False, to: str = SCHEMA_VERSION
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
     read_only : bool
         Whether the registry can't be written; then only a registry of this version is accepted.
     to : str

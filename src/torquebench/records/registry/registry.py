@@ -408,7 +408,6 @@ class Registry(RunRecords):
 
         Parameters
         ----------
-        model_id : int
         operator, reason : str
             Person and reason of the decision.
         despite_contradictions : bool
@@ -635,8 +634,6 @@ class Registry(RunRecords):
             The record: its table and number.
         checked_by : str
             The person.
-        accepted : bool
-        remark : str
         signature : Signature, optional
             How the reviewer was authenticated; by default typed by the user of this computer.
 

@@ -302,10 +302,6 @@ class RunWriter:
             How the run ended.
         reason : str
             Why the run wasn't completed.
-
-        Returns
-        -------
-        RunFolder
         """
         self.close()
         _seal(self.path, status, reason)
@@ -600,10 +596,6 @@ class RunFolder:
         after the last measurement. Documents with a correct checksum and complete samples are kept.
         An incomplete last line or block and damaged parts are removed; ``recovery.json`` reports
         both, and a damaged file is kept unchanged under another name. Missing data aren't replaced.
-
-        Returns
-        -------
-        Recovery
 
         Raises
         ------

@@ -87,7 +87,6 @@ def recording_content(content: bytes, origin: str) -> Any:
 
     Parameters
     ----------
-    content : bytes
     origin : str
         Name of the file in messages.
 
@@ -134,7 +133,6 @@ def from_plain(kind: type[Kind] | Any, plain: Any, origin: str) -> Kind:
     ----------
     kind : type
         A dataclass with type hints, or another type that pydantic supports.
-    plain : object
     origin : str
         Name of the file in messages.
 

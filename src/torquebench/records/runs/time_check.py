@@ -45,13 +45,7 @@ def time_remarks(registry: Database) -> Iterator[str]:
 
 
 def doubts_of_runs(registry: Database, run_ids: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """Return messages about impossible times of these runs, by run.
-
-    Parameters
-    ----------
-    registry : Registry
-    run_ids : collection of str
-    """
+    """Return messages about impossible times of these runs, by run."""
     found: defaultdict[str, list[str]] = defaultdict(list)
     for run_id, said in _ends_before_beginnings(registry, run_ids):
         found[run_id].append(said)
@@ -77,7 +71,6 @@ def doubts_of_calibrations(registry: Database, ids: Collection[int]) -> dict[int
 
     Parameters
     ----------
-    registry : Registry
     ids : collection of int
         Numbers of calibrations.
     """
@@ -142,7 +135,6 @@ def expired_standard(
         Kind of standard, as shown in the message, and its serial number.
     due : datetime.date or None
         Last valid day of the certificate that the bench description names.
-    today : datetime.date, optional
     """
     dues = [each for each in (due, *(report.due for report in registry.reports(serial))) if each]
     if not dues or not expired_on(today or datetime.now(UTC).date(), max(dues)):

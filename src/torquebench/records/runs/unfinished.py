@@ -59,14 +59,7 @@ class RunState(Enum):
 
 @dataclass(frozen=True)
 class UnfinishedRun:
-    """An unfinished run, with its state and remedy in words.
-
-    Parameters
-    ----------
-    run_id, kind : str
-    state : RunState
-    folder : pathlib.Path
-    """
+    """An unfinished run, with its state and remedy in words."""
 
     run_id: str
     kind: str

@@ -175,7 +175,6 @@ def seal_stream(
 
     Parameters
     ----------
-    stream, sealed : pathlib.Path
     write : callable
         Writes the sealed file under a given name.
     same : callable

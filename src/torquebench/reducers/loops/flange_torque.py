@@ -75,7 +75,6 @@ def torque_at_flange(
         Torque at the transducer, N·m.
     angle_rad : array of float, shape (n,)
         Angle of the flange, rad, growing in the direction of a positive torque.
-    flange : FlangeInertia
     standard_uncertainty_nm : float or array of float, shape (n,)
         Standard uncertainty of the torque, N·m.
     angle_uncertainty_rad : float

@@ -34,7 +34,6 @@ class LostMotionRule:
 
     Parameters
     ----------
-    name : str
     share : float
         p as a share of the rated torque.
     positions : {"mean", "worst"}
@@ -236,7 +235,6 @@ class LoopFeatures:
     ----------
     position, loop : float, int
         Label of the output position, and number of the loop there (from 1).
-    curve : LoopCurve
     backlash, lost_motion : Feature
         rad.
     compliance_positive, compliance_negative : Feature

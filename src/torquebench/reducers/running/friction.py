@@ -84,7 +84,6 @@ class FrictionResult:
     worst_relative_uncertainty : float
         Largest expanded uncertainty (k = 2) of a mean, as a share of that mean; infinite where no
         mean's uncertainty is known.
-    findings : tuple of Finding
     """
 
     curve: FrictionCurve

@@ -103,7 +103,6 @@ class NoLoadResult:
     speed_rpm, torque_nm, temperature_c, repeat, branch, step : array, shape (n,)
         The evaluated points (after the correction to a reference temperature, if requested), for
         figures with all repeats; `step` is the index of each one's speed in `points`.
-    findings : tuple of Finding
     """
 
     points: tuple[NoLoadPoint, ...]

@@ -53,7 +53,6 @@ class Tare:
     ----------
     coefficients : mapping of int to array of float, shape (repeats, degree + 1)
         By direction (+1, -1): of the powers of the speed's magnitude in 1/min, for each repeat.
-    fastest_rpm : float
     zero_nm : float
         Standard uncertainty of the zeros of the empty run, N·m.
     residual_nm : float

@@ -131,7 +131,6 @@ class TransmissionErrorResult:
     reversal_arcsec : Budget or None
         Mean gap between both directions (lost motion of the unloaded reducer); None where only one
         was recorded. Meaningful only without zeroing in between.
-    findings : tuple of Finding
     """
 
     ratio: float
@@ -205,7 +204,6 @@ def evaluate_transmission_error(
     highest_order : float, optional
         Highest order per output revolution that is reported; three times the ratio by default, as
         far as the samples support it.
-    uncertainty : AngleUncertainty, optional
     row : array of int, shape (n,), optional
         Number of each sample in its file, for messages.
     keep_outliers : bool

@@ -25,11 +25,9 @@ class Revolution:
     ----------
     angle_rad, error_arcsec, standard_error_arcsec : array of float, shape (n,)
         The standard error is NaN with one revolution.
-    peak_to_peak_arcsec : float
     noise_arcsec : float
         Standard error of a value of the curve: from the scatter between revolutions, otherwise from
         the part above the highest order.
-    noise_freedom : float
     peak_noise_arcsec : float
         Increase of the peak to peak value by this noise.
     order, amplitude_arcsec, phase_rad : array of float, shape (m,)
@@ -37,7 +35,6 @@ class Revolution:
     amplitude_error_arcsec : array of float, shape (m,)
     mean_rad : float
         The mean that was removed.
-    revolutions : int
     cut_order, cut_arcsec : float
         Strongest order above the highest one, as far as the samples show it, and its amplitude.
     """

@@ -75,8 +75,6 @@ class SwingsResult:
         Travel of the input after a reversal, at the output, until the output follows, arcmin.
     reach_rad : float
         Range of the swing at the output.
-    swings : tuple of Swing
-    findings : tuple of Finding
     """
 
     ratio: float
@@ -134,7 +132,6 @@ def evaluate_swings(
         Both encoders at the same moments, unwrapped, rad.
     ratio : float
         Input turns for one output turn; negative where the output turns against the input.
-    uncertainty : AngleUncertainty, optional
     row : array of int, shape (n,), optional
         Number of each sample in its file, for messages.
     keep_outliers : bool

@@ -6,7 +6,6 @@ The register map is in `register_map` and in docs/reference/device-protocols.md.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -17,7 +16,12 @@ from torquebench.bench.drivers.fixture import (
     FixtureRail,
     FixtureSupply,
 )
-from torquebench.bench.drivers.links import SwitchingTime, check_drive_order, drive_timeout
+from torquebench.bench.drivers.links import (
+    SwitchingTime,
+    check_drive_order,
+    drive_timeout,
+    wait_until_enabled,
+)
 from torquebench.bench.drivers.modbus import register_map
 from torquebench.bench.drivers.modbus.device_map import device_map
 from torquebench.bench.drivers.modbus.link import ModbusLink, ModbusOptions
@@ -38,14 +42,13 @@ from torquebench.bench.drivers.modbus.register_map import (
     DriveStatus,
 )
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
-from torquebench.errors import BenchError, InputError
+from torquebench.errors import BenchError
 from torquebench.message import Message
 from torquebench.units import MS_PER_S
 
 __all__ = ["PLUGIN", "ModbusDrive"]
 
 REPORT_LENGTH = 14
-POLL_S = 0.01
 
 
 class DriveOptions(ModbusOptions):
@@ -59,7 +62,6 @@ class ModbusDrive:
 
     Parameters
     ----------
-    link : ModbusLink
     side : {"input", "output"}
     watchdog_s : float
         Time without feeding after which the drive ramps to zero and disables itself, s.
@@ -93,20 +95,7 @@ class ModbusDrive:
         self._link.write(DriveCommand.WATCHDOG, [self._next_feed(), self._watchdog_ms])
         self._link.write(DriveCommand.CONTROL, [DriveControl.RESET, DriveMode.NONE])
         self._link.write(DriveCommand.CONTROL, [DriveControl.ENABLE, DriveMode.NONE])
-        deadline = time.monotonic() + self._switching_s
-        while not (state := self.state()).enabled:
-            if state.fault or time.monotonic() > deadline:
-                raise BenchError(
-                    Message(
-                        "{name} stays off: {fault}",
-                        self._link.name,
-                        state.fault or "no reason given",
-                    ),
-                    Message("an enabled drive within {switching_s:g} s", self._switching_s),
-                    "read the drive's fault code and the safety circuit",
-                )
-            self.feed_watchdog()
-            time.sleep(POLL_S)
+        wait_until_enabled(self, self._link.name, self._switching_s)
 
     def disable(self) -> None:
         """Switch off the motor's power."""
@@ -201,13 +190,7 @@ def _drive(request: InstrumentRequest) -> ModbusDrive:
 
 def _temperature(request: InstrumentRequest) -> ModbusTemperature:
     options: TemperatureOptions = request.read(TemperatureOptions)
-    missing = set(request.description.temperatures) - set(options.probes)
-    if missing:
-        raise InputError(
-            Message("{section}.probes without {missing}", request.section, sorted(missing)[0]),
-            "every probe of the list `temperatures`",
-            "add its register",
-        )
+    request.check_probes(options.probes)
     device = device_map(options, request.section)
     with _link(request, options).kept() as link:
         return ModbusTemperature(link, options, device)

@@ -47,13 +47,7 @@ class ModbusOptions(Options):
 
 
 class ModbusLink(Link[Any]):
-    """One Modbus TCP connection to one unit.
-
-    Parameters
-    ----------
-    name : str
-    options : ModbusOptions
-    """
+    """One Modbus TCP connection to one unit."""
 
     def __init__(self, name: str, options: ModbusOptions) -> None:
         super().__init__(name, options.address, options.timeout_s)

@@ -73,7 +73,6 @@ class ScpiCounter(DescribedCounter):
 
     Parameters
     ----------
-    options : CounterOptions
     counting : CounterDescription
         Description of the counter; the gate time is its window.
     signal_loss_s : float

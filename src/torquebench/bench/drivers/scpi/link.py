@@ -76,10 +76,8 @@ class ScpiLink(Link[LineConnection]):
 
     Parameters
     ----------
-    name : str
     address : str
         `host:port` or a VISA resource.
-    timeout_s : float
     attempts : int
         1 for an instrument whose answers remove data from it, which a repeated request would lose.
     """

@@ -41,7 +41,6 @@ class SimulationControl(Link[socket.socket]):
     ----------
     address : str
         `host:port`.
-    timeout_s : float
     """
 
     def __init__(self, address: str, timeout_s: float = 10.0) -> None:
@@ -142,12 +141,7 @@ def _arrays(columns: Mapping[str, list[float]]) -> dict[str, NDArray[np.float64]
 
 
 class SimulatedOperator:
-    """The operator of a bench of simulators, who confirms every request at once.
-
-    Parameters
-    ----------
-    control : SimulationControl
-    """
+    """The operator of a bench of simulators, who confirms every request at once."""
 
     def __init__(self, control: SimulationControl) -> None:
         self._control = control

@@ -15,12 +15,7 @@ __all__ = ["SimulatedReadout"]
 
 
 class SimulatedReadout:
-    """A standard with its own counter, which delivers torque instead of edges.
-
-    Parameters
-    ----------
-    description : BenchDescription
-    """
+    """A standard with its own counter, which delivers torque instead of edges."""
 
     def __init__(self, description: BenchDescription) -> None:
         self._counting = description.counter
