@@ -50,6 +50,8 @@ buffer counts as empty.
 """
 HELD_BLOCKS = 20
 """Largest number of blocks that are compensated and recorded together in fast time."""
+JOINED_S = 1.0
+"""Length of the blocks that are kept for viewers that begin earlier, s."""
 DEMAND_POLL_S = 0.05
 """Interval at which an idle fast bench checks whether it shall end, s of wall time."""
 LATE_BLOCKS = 3
@@ -110,6 +112,7 @@ class Acquisition:
         self._journal: JournalSink | None = None
         self._held: list[Block] = []
         self._past: deque[Block] = deque()
+        self._newest: list[Block] = []
         self._remembered_s = 0.0
         self._release_lock = threading.RLock()
         self._viewers: tuple[Viewer, ...] = ()
@@ -284,11 +287,21 @@ class Acquisition:
         if self._remembered_s:
             # edges take most of the memory
             kept = block if self._description.recording.edges else replace(block, edges={})
-            self._past.append(kept)
-            begin_s = block.stop_s - self._remembered_s
-            while self._past[0].stop_s <= begin_s:
-                self._past.popleft()
+            self._remember(kept)
         return self._keep(block)
+
+    def _remember(self, block: Block) -> None:
+        """Keep a block for viewers that begin earlier; blocks are joined, which saves memory."""
+        newest = self._newest
+        if newest and (
+            newest[-1].stop_s - newest[0].start_s >= JOINED_S or not block.joins(newest[-1])
+        ):
+            self._past.append(Block.join(newest))
+            newest.clear()
+            begin_s = block.stop_s - self._remembered_s
+            while self._past and self._past[0].stop_s <= begin_s:
+                self._past.popleft()
+        newest.append(block)
 
     def _keep(self, block: Block) -> Exception | None:
         """Write a block to the journal; return the journal's error, if any."""
@@ -349,8 +362,9 @@ class Acquisition:
         """
         with self._release_lock:
             failure = self._release()
-            begin_s = self._past[-1].stop_s - before_s if self._past else 0.0
-            past = [block for block in self._past if block.stop_s > begin_s + 1e-9]
+            past = [*self._past, *self._newest]
+            begin_s = past[-1].stop_s - before_s if past else 0.0
+            past = [block for block in past if block.stop_s > begin_s + 1e-9]
             viewer = Viewer(maximum + len(past), complete and self._clock.fast)
             for block in past:
                 viewer.put(block)

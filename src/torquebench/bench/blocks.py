@@ -7,13 +7,10 @@ import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 from torquebench.bench.roles import Side, angle_channel, torque_channel
+from torquebench.chain.torque import Torque, joined
 from torquebench.signals import EdgeBlock, Record, SignalFaultKind
-
-if TYPE_CHECKING:
-    from torquebench.chain import Torque
 
 __all__ = ["CONDITIONS", "KEPT_S", "Block", "Viewer", "fault_of"]
 
@@ -79,6 +76,14 @@ class Block:
         """Return the temperature of a probe; NaN if it is silent."""
         return self.condition(f"{probe}_c")
 
+    def joins(self, before: Block) -> bool:
+        """Return whether it follows another block, and its torques have the same components."""
+
+        def components(block: Block) -> dict[Side, list[str]]:
+            return {side: [c.name for c in t.components] for side, t in block.torques.items()}
+
+        return self.follows(before) and components(self) == components(before)
+
     def follows(self, before: Block) -> bool:
         """Return whether the block continues the signals of another block without a gap."""
         return (
@@ -98,17 +103,19 @@ class Block:
 
     @classmethod
     def join(cls, blocks: Sequence[Block]) -> Block:
-        """Concatenate consecutive blocks, with the channels that all of them have."""
+        """Concatenate consecutive blocks, with the channels and torques that all of them have."""
         first, last = blocks[0], blocks[-1]
         if len(blocks) == 1:
             return first
         edges = set.intersection(*(set(block.edges) for block in blocks))
         records = set.intersection(*(set(block.records) for block in blocks))
+        torques = set.intersection(*(set(block.torques) for block in blocks))
         return cls(
             first.start_s,
             last.stop_s,
             {n: EdgeBlock.join([b.edges[n] for b in blocks]) for n in first.edges if n in edges},
             {n: Record.join([b.records[n] for b in blocks]) for n in first.records if n in records},
+            {s: joined([b.torques[s] for b in blocks]) for s in first.torques if s in torques},
             waiting_s=last.waiting_s,
         )
 

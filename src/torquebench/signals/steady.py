@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.fft import rfft
-from scipy.optimize import minimize_scalar
 
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -485,6 +484,8 @@ def estimate_period(time_s: ArrayLike, value: ArrayLike) -> float | None:
         return None
     width = 1.0 / (even.size * interval)
     peak = (_FEWEST_PERIODS + highest) * width
+
+    from scipy.optimize import minimize_scalar  # imported late: it takes 20 MB
 
     def misfit(frequency: float) -> float:
         columns = np.column_stack((np.ones_like(times), times, *ripple_terms(times, 1 / frequency)))

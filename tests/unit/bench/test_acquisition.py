@@ -173,6 +173,15 @@ def test_a_viewer_may_begin_before_it_is_added(bench: LowBench) -> None:
     assert not any(block.edges for block in remembered)
 
 
+def test_what_is_remembered_takes_few_objects(bench: LowBench) -> None:
+    bench.acquisition.remember(10.0)
+    bench.clock.wait_until(12.0)
+    kept = [*bench.acquisition._past, *bench.acquisition._newest]
+    assert 10.0 <= kept[-1].stop_s - kept[0].start_s <= 12.0 + 1e-9
+    assert len(kept) < 40  # 240 blocks of 50 ms
+    assert all(after.follows(before) for before, after in pairwise(kept))
+
+
 def test_a_complete_viewer_misses_nothing_in_fast_time(bench: LowBench) -> None:
     viewer = bench.acquisition.add_viewer(2, complete=True)
     bench.clock.require(2.0)

@@ -4,13 +4,16 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.signal import periodogram
 
 from torquebench.bench.blocks import CONDITIONS, Block, Viewer
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import default_bench
 from torquebench.chain import Component, Shared, Torque
 from torquebench.errors import InputError
-from torquebench.panel.service import SIGNALS
+from torquebench.panel.service import SIGNALS, spectrum
 from torquebench.panel.service.live.hub import LiveHub
 from torquebench.signals import Record, SignalFaultKind
 
@@ -200,3 +203,16 @@ def test_single_windows_are_kept_for_spectra(hub: LiveHub) -> None:
     assert hub.windows("output_raw_nm", 0.0, 1e9).time_s[0] == pytest.approx(3.005, abs=0.1)
     with pytest.raises(InputError, match="input_speed_rpm"):
         hub.windows("input_speed_rpm", 0.0, 1.0)
+
+
+@given(count=st.integers(16, 400), seed=st.integers(0, 2**16))
+def test_the_spectrum_is_that_of_scipy(count: int, seed: int) -> None:
+    value_nm = np.random.default_rng(seed).normal(40.0, 1.0, count)
+    found = spectrum(np.arange(count) * 0.01, value_nm)
+    frequency_hz, power = periodogram(
+        value_nm, 100.0, window="hann", detrend="constant", scaling="spectrum"
+    )
+    np.testing.assert_allclose(found.frequency_hz, frequency_hz, rtol=1e-9)
+    whole = slice(1, -1)  # neither the mean nor the highest frequency is a sine's amplitude
+    expected = np.sqrt(2.0 * power)[whole]
+    np.testing.assert_allclose(found.amplitude_nm[whole], expected, rtol=1e-9, atol=1e-12)

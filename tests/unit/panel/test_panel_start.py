@@ -57,3 +57,32 @@ def test_a_thread_that_builds_a_tuple_survives_the_start(tmp_path: Path) -> None
         check=False,
     )
     assert done.stdout.strip().endswith("[]"), done.stdout + done.stderr
+
+
+SERVING = """
+import sys
+from pathlib import Path
+from torquebench.panel.address import Address
+from torquebench.panel.server import create_app
+from torquebench.panel.service import BenchService
+
+with BenchService.open(None, Path(sys.argv[1]), fast=True) as service:
+    create_app(service, Address())
+    print(*sys.modules)
+"""
+NOT_TO_SERVE = (
+    *("matplotlib", "pandas", "sklearn", "openpyxl", "h5py", "skfem"),
+    *("scipy.optimize", "scipy.signal", "scipy.sparse", "scipy.spatial", "scipy.stats"),
+)
+
+
+def test_a_server_that_nobody_uses_loads_what_it_needs(tmp_path: Path) -> None:
+    """Each of these takes 10 to 60 MB for as long as the server runs."""
+    done = subprocess.run(
+        [sys.executable, "-c", SERVING, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=True,
+    )
+    assert set(NOT_TO_SERVE).isdisjoint(done.stdout.split())

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -25,6 +24,7 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.operations.recording import SignalWindows, torque_windows
 from torquebench.panel.service.live.rings import Rows, TrendMemory, envelope, nan_mean
+from torquebench.signals import History, Record
 from torquebench.units import DEG_PER_TURN, RPM_PER_RAD_S
 
 __all__ = [
@@ -160,7 +160,8 @@ class LiveHub:
         self._block_at = time.monotonic()
         self._bench_s = 0.0
         self._clock_s = time.time()
-        self._windows: deque[dict[str, SignalWindows]] = deque()
+        rows = round(KEPT_S / description.counter.window_s)
+        self._windows = {name: History(rows) for name in TORQUE_SIGNALS}
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="torquebench-live", daemon=True)
 
@@ -185,13 +186,12 @@ class LiveHub:
     def take(self, block: Block) -> None:
         """Convert a block to a row."""
         low, high, mean, faults = self._row(block)
-        windows = torque_windows(block)
+        for name, found in torque_windows(block).items():
+            columns = {"time_s": found.time_s, "value_nm": found.value_nm}
+            self._windows[name].append(Record.unchecked(columns, found.time_s.size))
         now, clock_s = time.monotonic(), time.time()
         with self._lock:
             self._clock_s = clock_s
-            self._windows.append(windows)
-            while len(self._windows) * (block.stop_s - block.start_s) > KEPT_S:
-                self._windows.popleft()
             self._memory.append(block.stop_s, low, high, mean)
             there = np.isfinite(mean)
             self._newest[there] = mean[there]
@@ -351,13 +351,10 @@ class LiveHub:
                 Message("signal {name!r}", signal[:80]),
                 Message("one of {list}", ", ".join(TORQUE_SIGNALS)),
             )
-        with self._lock:
-            kept = [block[signal] for block in self._windows if signal in block]
-        empty = np.empty(0)
-        time_s = np.concatenate([empty, *(part.time_s for part in kept)])
-        value_nm = np.concatenate([empty, *(part.value_nm for part in kept)])
-        inside = (time_s >= start_s) & (time_s <= stop_s)
-        return SignalWindows(time_s[inside], value_nm[inside])
+        found = self._windows[signal].window(start_s, np.nextafter(stop_s, np.inf))
+        if found is None:
+            return SignalWindows(np.empty(0), np.empty(0))
+        return SignalWindows(found.time_s, found["value_nm"])
 
     def latest(self) -> dict[str, LatestValue]:
         """Return the newest value of every signal with its age."""
