@@ -127,13 +127,13 @@ def drift_of(
     """
     found: list[tuple[str, str, list[tuple[datetime, float, bool]], bool]] = []
     calibrations = sorted(registry.calibrations(serial), key=lambda entry: entry.performed)
-    for place, direction in ((1, "clockwise"), (0, "counter-clockwise")):
+    for limit, direction in ((1, "clockwise"), (0, "counter-clockwise")):
         spanned = [
             entry
             for entry in calibrations
             if direction in entry.summary.get("span_error_percent", {})
         ]
-        groups = _of_one_range(spanned, place)
+        groups = _of_one_range(spanned, limit)
         for reach_nm, entries in groups:
             known = [
                 (
@@ -234,15 +234,15 @@ def _has_empty_runs(entry: ModelEntry) -> bool:
 
 
 def _of_one_range(
-    calibrations: list[CalibrationEntry], place: int
+    calibrations: list[CalibrationEntry], limit: int
 ) -> list[tuple[float, list[CalibrationEntry]]]:
     """Group calibrations by their largest torque, because spans over different ranges differ.
 
-    A chain's curve is nonlinear, so that its span over a part of the range is another one.
+    `limit` selects the lower (0) or upper (1) end of each range. A chain's curve is nonlinear, so that its span over a part of the range is another one.
     """
     groups: list[tuple[float, list[CalibrationEntry]]] = []
     for entry in calibrations:
-        reach_nm = abs(entry.valid_nm[place])
+        reach_nm = abs(entry.valid_nm[limit])
         for known_nm, members in groups:
             if abs(reach_nm - known_nm) <= SAME_RANGE * max(reach_nm, known_nm):
                 members.append(entry)

@@ -142,6 +142,7 @@ def measure_turning(
             shift_s = last_s + _RESUMED_AFTER_S - station.clock.now()
 
         def keep(points: CalibrationData, series_done: int) -> None:
+            """Store the points so far, after those of an interrupted run."""
             if before is not None:
                 assert points.time_s is not None
                 later = replace(points, time_s=points.time_s + shift_s)

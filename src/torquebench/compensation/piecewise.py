@@ -180,7 +180,7 @@ class PiecewisePolynomial:
         )
 
     def _located(self, number: Any, reading: Any) -> tuple[Any, Any, Any]:
-        """Return readings within the limits, their intervals, and their places there."""
+        """Return readings within the limits, with interval and place there as in `evaluate`."""
         held = number.fmin(number.fmax(reading, self.low), self.high)  # NaN: the lower limit
         central = number.minimum(number.maximum(held, -self.near), self.near)
         location = held * self.scale + (central * self.extra + self.zero) + 0.5

@@ -364,9 +364,8 @@ def shaft_on_bench(
         If the uncertainty of the result is too large.
     """
     natural = TURN * vibration.frequency_hz
-    relative = np.asarray(vibration.covariance) / np.outer(
-        *2 * [np.array([vibration.frequency_hz, vibration.damping_ratio])]
-    )
+    sizes = np.array([vibration.frequency_hz, vibration.damping_ratio])
+    relative = np.asarray(vibration.covariance) / np.outer(sizes, sizes)
     by_motor = motor.standard_uncertainty_kgm2 / motor.inertia_kgm2
     by_flange = flange.standard_uncertainty_kgm2 / flange.inertia_kgm2
     stiffness = motor.inertia_kgm2 * natural**2

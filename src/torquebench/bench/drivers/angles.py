@@ -51,7 +51,7 @@ class CounterWithAngles:
 
     @property
     def shortest_read_s(self) -> float:
-        """A block is read as a whole, because half of it ends at each poll."""
+        """Infinite: a block is never read in slices, because `read_block` divides it itself."""
         return float("inf")
 
     @property

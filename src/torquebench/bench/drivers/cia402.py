@@ -368,13 +368,17 @@ class Cia402Drive:
     def _switch(self, controlword: int, wanted: str) -> None:
         """Write a controlword, and wait for the resulting state."""
         self._write(CONTROLWORD, controlword)
-        self._await_state(lambda status: status == wanted, wanted, controlword != FAULT_RESET)
+        resets = controlword == FAULT_RESET
+        self._await_state(lambda status: status == wanted, wanted, fault_ends=not resets)
 
-    def _await_state(self, reached: Callable[[str], bool], wanted: str, refuses: bool) -> str:
-        """Wait for a state; send heartbeats meanwhile, since the drive may already expect them."""
+    def _await_state(self, reached: Callable[[str], bool], wanted: str, *, fault_ends: bool) -> str:
+        """Wait for a state, at most until a fault where that ends the wait.
+
+        Heartbeats are sent meanwhile, since the drive may already expect them.
+        """
         deadline = time.monotonic() + self._options.switching_s
         while not reached(status := self._status(word := self._link.read(STATUSWORD))):
-            if time.monotonic() > deadline or (refuses and status == "fault"):
+            if time.monotonic() > deadline or (fault_ends and status == "fault"):
                 raise BenchError(
                     Message(
                         "{name} is in the state {status!r}{reason}",
@@ -423,7 +427,9 @@ class Cia402Drive:
         self._write(HEARTBEAT_CONSUMER, self._options.master << 16 | milliseconds, 1)
         self._write(ABORT_OPTION, ABORT_BY_FAULT)
         link.beat()
-        status = self._await_state(lambda status: status not in BUSY_STATES, "ready", False)
+        status = self._await_state(
+            lambda status: status not in BUSY_STATES, "ready", fault_ends=False
+        )
         if status == "fault":  # a rising edge of the bit resets, and the bit may still be high
             self._write(CONTROLWORD, DISABLE_VOLTAGE)
             self._switch(FAULT_RESET, "switch on disabled")

@@ -97,10 +97,11 @@ def cold_efficiency(warm_up_s: float) -> tuple[Unsampled, ...]:
         return ()
     share = WARMING_SHARE / sqrt(3.0)
 
-    def gain(percent: float) -> float:
+    def rise(percent: float) -> float:
+        """Return the standard uncertainty of an efficiency that warming would still raise, %."""
         return share * abs(percent * (1.0 - percent / 100.0))
 
-    return (Unsampled("not warmed up", _COLD, gain),)
+    return (Unsampled("not warmed up", _COLD, rise),)
 
 
 @dataclass(frozen=True)

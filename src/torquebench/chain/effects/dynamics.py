@@ -114,9 +114,9 @@ class Dynamics(Effect):
         return round(self.delay_s / self.interval_s)
 
     def acted_s(self, time_s: FloatArray) -> FloatArray:
-        """Return the times at which the torques acted that a live filter returns for readings.
+        """Return when the torques acted that the live filter states at these times.
 
-        The transducer's own delay isn't subtracted: the caller has to do it.
+        The caller subtracts the transducer's own delay.
         """
         if time_s.size < 2 or abs(time_s[1] - time_s[0] - self.interval_s) > (
             _UNEVEN * self.interval_s

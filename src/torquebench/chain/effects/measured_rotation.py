@@ -157,8 +157,8 @@ class MeasuredRotation(Effect):
         ).reshape(shape)
 
     @cached_property
-    def _blind(self) -> FloatArray:
-        """Tables at the calibration's temperature, with u for all measured temperatures."""
+    def _at_unknown_temperature(self) -> FloatArray:
+        """Tables for an unknown temperature: those of the calibration's, with a larger u."""
         nodes = self._nodes[1]
         rows = np.arange(float(len(self.speeds_rpm)))
         around = np.array(
@@ -254,10 +254,10 @@ class MeasuredRotation(Effect):
         row = located(nodes_rpm, size)
         zero, zero_u, drag, drag_u = on_tables(self._tables, row, located(nodes_c, warm))
         if number.any(cold):
-            blind = on_lines(self._blind, row)
+            unknown_c = on_lines(self._at_unknown_temperature, row)
             zero, zero_u, drag, drag_u = (
                 number.where(cold, *pair)
-                for pair in zip(blind, (zero, zero_u, drag, drag_u), strict=True)
+                for pair in zip(unknown_c, (zero, zero_u, drag, drag_u), strict=True)
             )
         span, span_u, running, running_u, noise = on_lines(self._columns, row)
         span_u = span_u * torque

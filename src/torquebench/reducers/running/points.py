@@ -135,7 +135,7 @@ def speed_points(
 
 
 def same_speeds(speed: Floats, tolerance_rpm: float | None) -> NDArray[np.int64]:
-    """Group speeds within a tolerance: 0.5 % of the largest, and 5 % of their own, by default."""
+    """Group speeds within a tolerance; by default 0.5 % of the largest, at most 5 % of own."""
     if tolerance_rpm is not None:
         return grouped(speed, tolerance_rpm)
     near = np.minimum(TOLERANCE * float(np.max(np.abs(speed))), SAME_VALUE * np.abs(speed))

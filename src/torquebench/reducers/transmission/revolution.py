@@ -122,7 +122,8 @@ def _thinned(run: Run, highest_order: float) -> tuple[Floats, Floats, float]:
     if count > 1:
         size = angle.size // count * count
         angle, error = (each[:size].reshape(-1, count).mean(axis=1) for each in (angle, error))
-    width = float(angle[-1] - angle[0]) / max(angle.size - 1, 1) * (1.0 - 1.0 / count)
+    step = float(angle[-1] - angle[0]) / max(angle.size - 1, 1)
+    width = step * (1.0 - 1.0 / count)  # from the first to the last sample of a block
     turned = angle + error
     order = np.argsort(turned, kind="stable")
     different, first = np.unique(turned[order], return_index=True)
