@@ -238,7 +238,8 @@ def _of_one_range(
 ) -> list[tuple[float, list[CalibrationEntry]]]:
     """Group calibrations by their largest torque, because spans over different ranges differ.
 
-    `limit` selects the lower (0) or upper (1) end of each range. A chain's curve is nonlinear, so that its span over a part of the range is another one.
+    `limit` selects the lower (0) or upper (1) end of each range. A chain's curve is nonlinear, so
+    that its span over a part of the range is another one.
     """
     groups: list[tuple[float, list[CalibrationEntry]]] = []
     for entry in calibrations:

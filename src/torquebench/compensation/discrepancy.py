@@ -141,11 +141,13 @@ def discrepancy(
     beside = np.clip(nodes[:, None] + offsets, 0, u.size - 1)
 
     def error(known: float, truth: float) -> tuple[FloatArray, FloatArray]:
+        """Return bias and spread near each node where one branch is known and another is true."""
         mean, spread = posterior(u, np.full(u.size, truth))
         bias = values(u, np.full(u.size, known)) - mean
         return bias[beside], spread[beside]
 
     def std(*cases: tuple[FloatArray, FloatArray]) -> FloatArray:
+        """Return the standard uncertainty at each node over equally probable cases."""
         bias, spread = (np.concatenate(parts, axis=1) for parts in zip(*cases, strict=True))
         return half_widths(bias, spread) / COVERAGE_95
 

@@ -148,6 +148,7 @@ class _Walk:
         self._older = ""
 
     def file(self, file: Path) -> None:
+        """Check the lines of the next file; only the last file may end in an incomplete line."""
         content = file.read_bytes()
         *lines, torn = content.split(b"\n")
         position = 0
