@@ -250,6 +250,9 @@ def test_signals_are_recorded_on_demand(person: Visitor) -> None:
         lambda: person.driver.find_element(By.XPATH, record).click() is None, "the second press"
     )
     person.wait(lambda: "s recorded" in person.text, "a recording under way")
+    choose_tool(person, "Marker")
+    person.fill("Note", "brake released")
+    person.press("Set the marker")
     person.press("Finish")
     person.sees("Recording run-down: done")
     person.sees("run-down")
@@ -258,6 +261,7 @@ def test_signals_are_recorded_on_demand(person: Visitor) -> None:
     person.press("Open")
     person.sees("without the coupling")
     person.sees("by hand")
+    person.sees("brake released")
     person.choose("Samples as a file", "parquet")
     assert saved(person, person.panel.folder, "parquet", "*-samples").stat().st_size > 1000
     assert person.problems() == []

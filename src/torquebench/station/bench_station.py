@@ -120,6 +120,7 @@ class Station:
         self.engine = BenchEngine(self.clock, self.supervisor, description.safety.procedure_s)
         self.engine.on_interrupt = self._on_interrupt
         self._run_lock = threading.Lock()
+        self._open_runs: set[OpenRun] = set()
         self._lock: BenchLock | None = None
         self._registry_warning: int | None = None
         self._closed = False
@@ -398,8 +399,26 @@ class Station:
 
     def open_run(self, kind: str, metadata: Mapping[str, Any]) -> OpenRun:
         """Make the folder of a run, and enter its beginning into the registry."""
-        runs = self.data_dir / "runs"
-        return OpenRun(self.devices.context, self.registry, self.queue, runs, kind, metadata)
+        runs, ended = self.data_dir / "runs", self._open_runs.discard
+        run = OpenRun(self.devices.context, self.registry, self.queue, runs, kind, metadata, ended)
+        self._open_runs.add(run)
+        return run
+
+    def annotate(self, annotation: Mapping[str, Any]) -> None:
+        """Write an annotation into every run that is being recorded.
+
+        Parameters
+        ----------
+        annotation : mapping
+            `time` (s since 1970), `bench_time_s`, `note` and `who`.
+
+        Raises
+        ------
+        RecordError
+            It can't be written.
+        """
+        for run in tuple(self._open_runs):
+            run.annotate(annotation)
 
     def _finish(self, recording: Recording, status: RunEnd, reason: str) -> None:
         """Bring the bench to rest, end the recording, seal the folder and register the run."""

@@ -16,6 +16,7 @@ from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.records import Registry, RunFolder, RunLock
 from torquebench.records.accounts import Accounts
+from torquebench.records.runs.folder import ANNOTATION
 from torquebench.records.signatures import Signature
 from torquebench.station.journal import QueuedJournal, RunJournal
 from torquebench.station.registration import run_metadata
@@ -79,6 +80,8 @@ class OpenRun:
         Folder of all runs.
     metadata : mapping
         Metadata of the run in addition to the bench's.
+    on_end : callable
+        Called with it when nothing more is recorded.
     """
 
     def __init__(
@@ -89,7 +92,10 @@ class OpenRun:
         runs: Path,
         kind: str,
         metadata: Mapping[str, Any],
+        on_end: Callable[[OpenRun], None],
     ) -> None:
+        self._on_end = on_end
+        self._began_s = context.clock.now() - float(metadata.get("before_s", 0.0))
         self._context, self._queue, self.kind = context, queue, kind
         head = str(registry.known_head)  # links the folder to all earlier records
         signature = metadata.get("signature") or Signature.typed()
@@ -123,8 +129,14 @@ class OpenRun:
             self.writer, described.temperatures, signals, edges=described.recording.edges
         )
 
+    def annotate(self, annotation: Mapping[str, Any]) -> None:
+        """Write an annotation beside the samples, if its time belongs to the run."""
+        if annotation["bench_time_s"] >= self._began_s:
+            self.writer.document(ANNOTATION, annotation)
+
     def seal(self, status: RunEnd, reason: str) -> None:
         """Seal the folder and queue it; if that fails, the next start of torquebench seals it."""
+        self._on_end(self)
         try:
             self.writer.seal(status, reason)
         except (OSError, InputError) as error:
@@ -140,6 +152,7 @@ class OpenRun:
 
     def release(self) -> None:
         """Unlock the folder. A second call does nothing."""
+        self._on_end(self)
         self._hold.release()
 
 

@@ -80,10 +80,23 @@ def test_recordings_and_jobs_of_the_bench_run_beside_each_other(service: BenchSe
         "Recording overload",
         "Recording during it",
     ]
-    assert until(service, job).state == "done"
+    while not service.jobs.points(job.job_id):
+        assert service.jobs.get(job.job_id).open
+        time.sleep(0.005)
+    service.mark(ANN, "fan switched on")
+    job = until(service, job)
+    assert job.state == "done"
+    service.mark(ANN, "fan switched off")
     service.jobs.finish(BEN, during.job_id)
     during = until(service, during)
     assert during.result is not None
+    assert job.result is not None
+    for view, notes in (
+        (during, ["fan switched on", "fan switched off"]),
+        (job, ["fan switched on"]),
+    ):
+        kept = service.records.run(view.result.run_ids[0]).annotations
+        assert [(each.note, each.who) for each in kept] == [(note, ANN.label) for note in notes]
     raw = RunFolder.open(service.data_dir / "runs" / during.result.run_ids[0]).raw()
     np.testing.assert_allclose(np.diff(raw.columns["time_s"]), 0.01, atol=1e-6)  # nothing missed
     assert np.nanmax(np.abs(raw.columns["output_torque_nm"])) > 40.0  # the calibration's load

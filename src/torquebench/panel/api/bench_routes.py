@@ -19,6 +19,7 @@ from torquebench.panel.api.models import (
     AcknowledgeBody,
     LeaseBody,
     LiveRows,
+    MarkerBody,
     SignalValue,
     StopBody,
     SwitchBody,
@@ -29,6 +30,7 @@ from torquebench.panel.service import (
     BenchService,
     LeaseState,
     LiveTrend,
+    Marker,
     StopReport,
 )
 from torquebench.panel.service.live.snapshot import BenchSummary, SideSummary
@@ -128,6 +130,18 @@ def trend(
 ) -> LiveRows:
     """Return the last seconds of live signals, reduced without losing extremes."""
     return LiveRows(**live_document(service.live.trend(seconds, signals, points)))
+
+
+@router.get("/markers")
+def markers(service: Watched) -> list[Marker]:
+    """Return the notes on the live signals since the bench was opened."""
+    return service.markers.all()
+
+
+@router.post("/markers", status_code=201)
+def add_marker(service: Service, caller: Caller, body: MarkerBody) -> Marker:
+    """Add a note to the live signals; runs that are being recorded keep it."""
+    return service.mark(caller, body.note, body.bench_time_s)
 
 
 # -- command --------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from torquebench.chain.effects.switched_off import SWITCHES, Switch
 from torquebench.operations import WHOLE, Flag
 from torquebench.panel.service import Client, Role
 from torquebench.panel.service.access.passwords import LONGEST, SHORTEST
+from torquebench.panel.service.live.markers import LONGEST_NOTE
 
 __all__ = [
     "AbortBody",
@@ -20,6 +21,7 @@ __all__ = [
     "LeaseBody",
     "LiveRows",
     "MadeClient",
+    "MarkerBody",
     "OpenedSession",
     "PasswordBody",
     "QueuePlaceBody",
@@ -91,6 +93,13 @@ class LeaseBody(Body):
         default=False,
         description=("Take the lease over from its holder; for metrologists and above."),
     )
+
+
+class MarkerBody(Body):
+    """A note, at the present bench time or an earlier one."""
+
+    note: Annotated[str, Field(min_length=1, max_length=LONGEST_NOTE)]
+    bench_time_s: Annotated[float | None, Field(ge=0, le=1e9)] = None
 
 
 class QueuePlaceBody(Body):

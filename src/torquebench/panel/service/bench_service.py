@@ -370,12 +370,16 @@ class BenchService:
     def mark(self, actor: Actor, note: str, bench_time_s: float | None = None) -> Marker:
         """Add a marker with a note at the present or an earlier bench time.
 
+        The runs that are being recorded keep it as an annotation.
+
         Raises
         ------
         PermissionDeniedError
             The actor isn't an operator.
         InputError
             The note is empty or too long, or the time isn't in the past of this bench.
+        RecordError
+            A run that is being recorded can't keep it.
         """
         require(actor, "operator")
         newest_s = self.live.bench_time_s
@@ -387,6 +391,14 @@ class BenchService:
             )
         at = datetime.fromtimestamp(moment_s + self.live.clock_offset_s, UTC)
         marker = self.markers.add(moment_s, at, note, actor.label)
+        self.station.annotate(
+            {
+                "time": at.timestamp(),
+                "bench_time_s": moment_s,
+                "note": marker.note,
+                "who": marker.who,
+            }
+        )
         self.note(actor, "put a marker", note=marker.note, bench_time_s=round(moment_s, 3))
         return marker
 

@@ -44,7 +44,15 @@ if TYPE_CHECKING:
     from torquebench.records.streams.raw_stream import RawReading
     from torquebench.signals import EdgeBlock
 
-__all__ = ["MANIFEST", "Recovery", "RunFolder", "RunStatus", "RunWriter", "new_run_id"]
+__all__ = [
+    "ANNOTATION",
+    "MANIFEST",
+    "Recovery",
+    "RunFolder",
+    "RunStatus",
+    "RunWriter",
+    "new_run_id",
+]
 
 RunStatus = Literal["completed", "aborted", "failed", "interrupted"]
 
@@ -53,6 +61,8 @@ _EVENTS = "events.jsonl"
 _COPIES = "copies.jsonl"
 """File with copies of an unsealed run's metadata, start and descriptors, against damage.
 """
+ANNOTATION = "annotation"
+"""Name of the documents with notes of people."""
 _RUN = "run"
 """Name of the first line, a copy of the metadata."""
 _DAMAGED = ".damaged"
@@ -506,6 +516,11 @@ class RunFolder:
         for found, document in self._sealed_documents() if self.sealed else self._open_documents():
             if found != _RUN and name in (None, found):
                 yield found, document
+
+    def annotations(self) -> list[dict[str, Any]]:
+        """Return the annotations that people made while it was recorded, in the order of time."""
+        found = [document for _, document in self.documents(ANNOTATION)]
+        return sorted(found, key=lambda each: float(each["bench_time_s"]))
 
     def points(self) -> Iterator[dict[str, Any]]:
         """Yield the event documents of the acknowledged points, without zeros and other streams."""

@@ -7,6 +7,7 @@ from datetime import datetime
 from functools import partial
 from typing import Any
 
+import numpy as np
 from nicegui import background_tasks, ui
 
 from torquebench.campaign.reducers.catalogue import TESTS
@@ -36,7 +37,7 @@ from torquebench.panel.pages.records.column_titles import (
     stream_title,
 )
 from torquebench.panel.pages.visitor import Visitor, profile_titles
-from torquebench.panel.service import InterruptedView, RunDetail, RunTable
+from torquebench.panel.service import InterruptedView, Marker, RunDetail, RunTable
 from torquebench.panel.text import Text
 from torquebench.records.export.streams import STREAM_FORMATS, StreamFormat, stream_ending
 from torquebench.units import minus_signs
@@ -129,7 +130,8 @@ class _RunPanel:
                 note(text("run.intact"), "good")
             doubt_notes(text, detail.run.doubts)
             pairs(self._facts(detail))
-            self._samples(detail.run.kind, columns)
+            self._annotations(detail.annotations)
+            self._samples(detail.run.kind, columns, detail.annotations)
             for part in detail.tables:
                 self._points(part)
 
@@ -161,7 +163,16 @@ class _RunPanel:
             facts.append((text("run.data"), text("frame.simulated")))
         return facts
 
-    def _samples(self, kind: str, columns: Sequence[str]) -> None:
+    def _annotations(self, annotations: Sequence[Marker]) -> None:
+        if not annotations:
+            return
+        text = self._text
+        heads = [(text("run.annotation_time"), True), (text("live.marker_note"), False),
+                 (text("records.operator"), False)]  # fmt: skip
+        rows = [(f"{each.bench_time_s:.2f} s", each.note, each.who) for each in annotations]
+        table(text("run.annotations"), heads, rows)
+
+    def _samples(self, kind: str, columns: Sequence[str], annotations: Sequence[Marker]) -> None:
         chosen = [name for name in columns if "torque" in name] or list(columns)
         chosen.sort(key=lambda name: name.partition("_")[0] not in kind)  # the run's side first
         if not chosen:
@@ -178,13 +189,23 @@ class _RunPanel:
             rows = await in_thread(trend, self._run_id, [name], POINTS)
             if place.is_deleted or self._column != name:
                 return  # the panel was closed, or another column was chosen
+            top = float(np.nanmax(rows.high)) if np.isfinite(rows.high).any() else 0.0
+            noted = Line(
+                self._text("run.annotations"),
+                [each.bench_time_s for each in annotations],
+                [top] * len(annotations),
+                "--warn",
+                points=True,
+                symbol="pin",
+                labels=[each.note for each in annotations],
+            )
             with refilled(place):
                 Chart(
                     self._text("run.samples_label", name=options[name]),
                     self._text("preview.time"),
                     options[name],
-                    _extremes(options[name], rows.time_s.tolist(), rows.low[0].tolist(),
-                              rows.high[0].tolist()),
+                    [*_extremes(options[name], rows.time_s.tolist(), rows.low[0].tolist(),
+                                rows.high[0].tolist()), *([noted] if annotations else [])],
                 )  # fmt: skip
 
         background_tasks.create(draw(chosen[0]), name="samples")

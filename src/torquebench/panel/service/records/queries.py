@@ -7,7 +7,7 @@ import tempfile
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any
 
@@ -24,6 +24,7 @@ from torquebench.operations.calibrating import CalibratedModule
 from torquebench.operations.checking import VerifiedModule, stored_verification
 from torquebench.operations.models import stored_module
 from torquebench.operations.reducers import report_path
+from torquebench.panel.service.live.markers import Marker
 from torquebench.panel.service.live.rings import Rows, envelope
 from torquebench.panel.service.problems import NotFoundError
 from torquebench.panel.service.records.views import (
@@ -166,6 +167,7 @@ class RecordQueries:
             tuple(_tables(folder)),
             None if calibration is None else calibration.calibration_id,
             tuple(changes),
+            tuple(_annotations(folder)),
         )
 
     def _run(self, run_id: str) -> RunSummary:
@@ -483,6 +485,12 @@ class RecordQueries:
                 "restore it from a backup",
             )
         return path.read_bytes(), MEDIA.get(path.suffix, "application/octet-stream")
+
+
+def _annotations(folder: RunFolder) -> Iterator[Marker]:
+    for number, found in enumerate(folder.annotations(), start=1):
+        at = datetime.fromtimestamp(found["time"], UTC)
+        yield Marker(number, found["bench_time_s"], at, found["note"], found["who"])
 
 
 def _tables(folder: RunFolder) -> Iterator[RunTable]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
+from torquebench.panel.service.live.markers import Marker
 from torquebench.records import (
     Activation,
     CalibrationEntry,
@@ -71,6 +72,8 @@ class RunDetail:
         The calibration that it measured.
     changes : tuple of str
         Changes since the run was sealed; empty if it is intact.
+    annotations : tuple of Marker
+        Annotations that people made while it was recorded.
     """
 
     run: RunSummary
@@ -79,6 +82,7 @@ class RunDetail:
     tables: tuple[RunTable, ...]
     calibration_id: int | None
     changes: tuple[str, ...]
+    annotations: tuple[Marker, ...]
 
 
 @dataclass(frozen=True)
