@@ -54,7 +54,8 @@ COMMANDS: Mapping[str, str] = {
     "standard-reducer": "",
     "mechanics": "mechanics:app",
     "records": "records.commands:app",
-    "evaluate": "evaluate:app",
+    "evaluate": "groups:evaluate",
+    "bench": "groups:bench",
 }
 """Module and attribute of each command, in the help's order; empty for an operation."""
 WRAPPED: Mapping[str, str] = {"certificate": "certificate:with_check"}

@@ -69,7 +69,10 @@ def operation_command(operation: Operation) -> Callable[..., None]:
     def command(**given: Any) -> None:
         values = {name: given.pop(name, None) for name in asked}
         values |= {name: False for name in asked if given.pop(f"{NOT}{name}", False)}
-        begin_output(operation.name, json=given.pop("json"), quiet=given.pop("quiet"))
+        json = given.pop("json")
+        begin_output(operation.name, json=json, quiet=given.pop("quiet"))
+        if operation.asks and not json and sys.stdin.isatty():
+            values |= _asked(asked.values(), values)
         _run(operation, _entered(asked, values), **given)
 
     options = [part for each in asked.values() for part in _options(each)]
@@ -188,6 +191,26 @@ def _entered(asked: Mapping[str, Parameter], values: Mapping[str, Any]) -> dict[
             )
         entered[name] = value
     return entered
+
+
+def _asked(fields: Iterable[Parameter], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Ask for basic values that have their defaults; Enter takes the default."""
+    from rich.prompt import Prompt
+
+    console, answers = stderr_console(), dict[str, Any]()
+    for each in fields:
+        if each.expert or each.required or values[each.name] != each.default:
+            continue
+        for choice in each.choices if each.titles else ():
+            console.print(f"  {choice:<10} {each.titles[choice]}", markup=False)
+        answers[each.name] = Prompt.ask(
+            each.help.removesuffix("."),
+            console=console,
+            choices=list(each.choices) or None,
+            show_choices=not each.titles,
+            default=each.default,
+        )
+    return answers
 
 
 def _value(text: str) -> Any:

@@ -53,6 +53,7 @@ _PACKAGED: Mapping[str, str] = {
     "evaluate efficiency": "evaluating:EFFICIENCY",
     "evaluate dynamics": "dynamics:DYNAMICS",
     "evaluate lubrication": "dynamics:LUBRICATION",
+    "bench new": "bench_setup:NEW_BENCH",
     "records import": "static:IMPORT",
     "records compare": "history:COMPARE",
     "records drift": "history:DRIFT",

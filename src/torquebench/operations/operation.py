@@ -526,6 +526,8 @@ class Operation:
         Whether the command makes a registry where none exists.
     trial : str
         Operation that shows what this one would enter; it takes the same fields.
+    asks : bool
+        Whether the command asks a person at a terminal for basic values that it isn't given.
     """
 
     name: str
@@ -550,6 +552,7 @@ class Operation:
     can_finish: bool = False
     begins: bool = False
     trial: str = ""
+    asks: bool = False
 
     def doubts(self, place: Place, request: Any) -> tuple[str, ...]:
         """Raise an error for an impossible request, or return doubts about the result."""

@@ -49,6 +49,7 @@ POSSIBLE: dict[str, dict[str, Any]] = {
         "data": [str(EXAMPLES / "loops-rv-40e.csv")],
         "reducer": "rv-40e",
     },
+    "bench new": {"out": "bench.toml", "drives": "modbus"},
     "records import": {
         **STATIC,
         "profile": "check",
@@ -86,6 +87,7 @@ REFUSED: dict[str, dict[str, Any]] = {
     "evaluate breakaway": {"data": [READINGS], "kind": "sideways"},
     "evaluate dynamics": {"runs": [READINGS], "out": "filter.json"},
     "evaluate lubrication": {"run": READINGS, "model": READINGS, "out": "chain.json"},
+    "bench new": {"out": "bench.toml", "counter": "hbm"},
     "records import": {**STATIC, "performed": "2099-01-01"},
     "records compare": {"first": "calibration-1", "second": "calibration-99"},
     "records drift": {"serial": "X-1"},
