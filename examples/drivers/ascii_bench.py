@@ -12,12 +12,12 @@ serves one caller at a time, connects again and repeats a request once.
 
 import numpy as np
 
-from torquebench.bench.drivers.base import DriveLimits, DriveState, Identity, Side
+from torquebench.bench.drivers.base import DriveLimits, DriveState, Identity
 from torquebench.bench.drivers.lines import LineConnection, LineLink, LineOptions
 from torquebench.bench.drivers.links import TimeOut, WireError, check_drive_order, drive_timeout
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
 from torquebench.bench.drivers.sample_clock import SampleClock
-from torquebench.bench.roles import SIDES
+from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import BenchError
 from torquebench.signals import Record
 

@@ -15,7 +15,8 @@ from tests.system import killed_calibrations
 from tests.system.command_line import environment, run
 from tests.watching import Watching
 
-from torquebench.bench.audit.entries import AUDIT_FILE, read_audit
+from torquebench.bench.audit.chain import AUDIT_FILE
+from torquebench.bench.audit.entries import read_audit
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.calibration import Profile, load_profile
 from torquebench.campaign.calibrating import measure_calibration

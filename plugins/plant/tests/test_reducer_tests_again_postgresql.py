@@ -13,10 +13,11 @@ from tests.system.command_line import run
 
 from torquebench.bench.description import default_bench
 from torquebench.bench.roles import SIDES
+from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.campaign.reducers.recorded import RecordedTest
 from torquebench.campaign.reducers.results import ReducerTestOutcome, plain_budget
 from torquebench.campaign.reducers.settings import ReducerTestSettings
-from torquebench.campaign.reducers.tests import TESTS, run_reducer_test
+from torquebench.campaign.reducers.tests import run_reducer_test
 from torquebench.procedures.reducers.empty_run import EmptyRunSettings
 from torquebench.procedures.reducers.first_motion import BreakawaySettings
 from torquebench.procedures.reducers.loop import BenchTwistSettings, HysteresisSettings

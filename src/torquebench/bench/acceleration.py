@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from torquebench.kernels import kernel
 from torquebench.units import TURN
 
-__all__ = ["UNKNOWN", "Acceleration", "EncoderAcceleration"]
-
 LEAST_SPAN_S = 0.03
 """Shortest time over which acceleration is evaluated, s: over a shorter time, encoder counts would
 dominate."""

@@ -40,8 +40,6 @@ from torquebench.message import Message
 from torquebench.signals import EdgeBlock, Record
 from torquebench.units import TURN
 
-__all__ = ["Acquisition", "JournalSink"]
-
 CATCHING_UP_S = 10.0
 """Largest backlog of bench time that is read at the start, s."""
 CAUGHT_UP_BLOCKS = 10

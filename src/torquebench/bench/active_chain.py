@@ -32,8 +32,6 @@ from torquebench.message import Message
 from torquebench.signals import History, Record
 from torquebench.units import HOUR
 
-__all__ = ["ActiveChain", "ZeroTaken"]
-
 FloatArray = NDArray[np.float64]
 LEAST_WINDOW_S = 0.001
 MOST_REFUSED = 2400

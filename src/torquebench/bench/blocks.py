@@ -12,8 +12,6 @@ from torquebench.bench.roles import Side, angle_channel, torque_channel
 from torquebench.chain.torque import Torque, joined
 from torquebench.signals import EdgeBlock, Record, SignalFaultKind
 
-__all__ = ["CONDITIONS", "KEPT_S", "Block", "Viewer", "fault_of"]
-
 KEPT_S = 120.0
 """Time for which the recent values of every channel are kept, s of bench time."""
 CONDITIONS = "conditions"

@@ -24,8 +24,6 @@ from torquebench.errors import ModelMismatchError
 from torquebench.message import Message
 from torquebench.units import DAYS_PER_YEAR, HOURS_PER_DAY
 
-__all__ = ["chain_effects", "chain_on_bench", "standard_effect", "with_stated_limits"]
-
 PROBE_K = 0.5
 """Limit of the difference between a probe on a standard and the temperature of its transducer,
 K."""

@@ -21,15 +21,6 @@ from torquebench.signals import (
     SignalFaultKind,
 )
 
-__all__ = [
-    "FAST_WINDOW_S",
-    "FINE_WINDOW_S",
-    "Channel",
-    "certificates",
-    "described_transducer",
-    "open_channel",
-]
-
 FINE_WINDOW_S = 0.002
 """Length of the windows of fine intervals, s: they resolve a drive's ripple of some 10 Hz."""
 FAST_WINDOW_S = 0.001

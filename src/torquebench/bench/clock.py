@@ -16,8 +16,6 @@ from dataclasses import dataclass
 
 from torquebench.bench.event_loop import LoopActivity, new_watched_loop
 
-__all__ = ["BenchClock"]
-
 LARGEST_DRIFT = 2e-4
 """Largest relative deviation of the counter's clock from the wall clock."""
 LONGEST_BEHIND_S = 1.0

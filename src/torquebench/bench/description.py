@@ -22,26 +22,6 @@ from torquebench.validation import ConflictError, parse_toml, validated
 if TYPE_CHECKING:
     from torquebench.uncertainty import CertifiedUncertainty
 
-__all__ = [
-    "BenchDescription",
-    "CertifiedPoints",
-    "CounterDescription",
-    "DriveDescription",
-    "EncoderDescription",
-    "GuideRailDescription",
-    "LimitsDescription",
-    "ModuleDescription",
-    "PowerSupplyDescription",
-    "RecordingDescription",
-    "SafetyDescription",
-    "StandardDescription",
-    "TransducerDescription",
-    "default_bench",
-    "load_bench",
-    "parse_bench",
-    "stated_uncertainty",
-]
-
 DEFAULT_BENCH = "simulated.toml"
 
 Text = Annotated[str, Field(min_length=1, max_length=200)]

@@ -25,8 +25,6 @@ from torquebench.chain import Torque
 from torquebench.signals import EdgeBlock, History, Record
 from torquebench.units import RPM_PER_RAD_S, TURN
 
-__all__ = ["BlockEvaluator", "mean_speed"]
-
 FloatArray = NDArray[np.float64]
 ANGLE_RATE_HZ = 1000.0
 

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from _typeshed import FileDescriptorLike
 
-__all__ = ["LoopActivity", "new_watched_loop"]
-
 
 class LoopActivity:
     """State of a loop: busy while it runs callbacks, or was woken and hasn't run them yet."""

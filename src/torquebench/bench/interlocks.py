@@ -36,26 +36,6 @@ from torquebench.units import RPM_PER_RAD_S
 if TYPE_CHECKING:
     from torquebench.bench.acquisition import Acquisition
 
-__all__ = [
-    "BenchState",
-    "PlannedState",
-    "PresentState",
-    "ProcedureKind",
-    "check_clamp",
-    "check_enable",
-    "check_identities",
-    "check_mode_change",
-    "check_mounting",
-    "check_procedure",
-    "check_rail",
-    "check_seating",
-    "check_set_point",
-    "check_speed_limit",
-    "check_torque_limit",
-    "check_unloaded",
-    "standard_serial",
-]
-
 ProcedureKind = Literal["calibration", "verification", "reducer_test", "empty_run"]
 
 _NEEDED: dict[ProcedureKind, Mounting] = {

@@ -13,14 +13,6 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from torquebench.message import Message
 
-__all__ = [
-    "COAXIALITY_LIMIT_MM",
-    "MOUNTED",
-    "MOUNTING_WORDS",
-    "MountingRecord",
-    "mounting_facts",
-]
-
 COAXIALITY_LIMIT_MM = 0.03
 """Largest coaxiality error that the source papers allow, mm."""
 

@@ -13,8 +13,6 @@ from torquebench.bench.roles import Mounting, Seating
 from torquebench.errors import InterlockError
 from torquebench.message import Message
 
-__all__ = ["Prompt", "PromptQueue", "QueuedOperator"]
-
 
 @dataclass(frozen=True)
 class Prompt:

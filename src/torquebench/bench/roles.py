@@ -5,22 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = [
-    "CHANNELS",
-    "MODES",
-    "MOUNTINGS",
-    "RAIL_TARGETS",
-    "SIDES",
-    "Mode",
-    "Mounting",
-    "RailPosition",
-    "Seating",
-    "Side",
-    "angle_channel",
-    "reference_channel",
-    "torque_channel",
-]
-
 Side = Literal["input", "output"]
 Mode = Literal["free", "driven", "locked"]
 Mounting = Literal["calibrator", "verification_standard", "reducer", "nothing"]

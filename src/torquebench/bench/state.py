@@ -9,8 +9,6 @@ from typing import Literal
 
 from torquebench.bench.roles import Side
 
-__all__ = ["CommandState", "Quantity", "SetPoint", "SideCommands", "Turned"]
-
 Quantity = Literal["torque", "speed"]
 
 

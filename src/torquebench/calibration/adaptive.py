@@ -14,17 +14,6 @@ from torquebench.calibration.steps import Step
 from torquebench.compensation import FEATURES
 from torquebench.message import Message
 
-__all__ = [
-    "Adaptive",
-    "AdaptiveRound",
-    "Placement",
-    "Proposed",
-    "StopReason",
-    "even_points",
-    "extension_steps",
-    "place_points",
-]
-
 COVERAGE_FACTOR = 2.0
 """k of the expanded uncertainties that a placement states."""
 

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from torquebench.calibration.data import CalibrationData
 from torquebench.chain import Torque
 
-__all__ = ["Cell", "cell_rows", "cells"]
-
 _BINS = 3
 _WHOLE = 10.0
 """Cells have round limits: multiples of 10 for speeds in 1/min, and a tenth of that for

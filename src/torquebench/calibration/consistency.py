@@ -25,8 +25,6 @@ from numpy.typing import NDArray
 from torquebench.calibration.data import CalibrationData
 from torquebench.chain import stretches
 
-__all__ = ["Cause", "Disagreement", "Examination", "WrongRow", "examine"]
-
 FloatArray = NDArray[np.float64]
 Cause = Literal["zero", "scale", "sign", "stuck", "unknown"]
 _Kind = Literal["row", "zero", "scale", "both"]

@@ -22,16 +22,6 @@ if TYPE_CHECKING:
     from torquebench.chain import Reference
     from torquebench.compensation import ReadingScale
 
-__all__ = [
-    "OPTIONAL_COLUMNS",
-    "RANGE_MARGIN",
-    "UNLOADED_SHARE",
-    "CalibrationData",
-    "infer_branch",
-    "infer_series",
-    "plainest",
-]
-
 RANGE_MARGIN = 0.02
 """Share of the range by which readings and standard values may exceed the range."""
 

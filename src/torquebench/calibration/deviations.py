@@ -20,18 +20,6 @@ from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.units import minus_signs
 
-__all__ = [
-    "CalibrationRecord",
-    "Deviation",
-    "DeviationKind",
-    "ReferenceStandard",
-    "assign_nominal",
-    "check_steps",
-    "find_deviations",
-    "ladder_points",
-    "refuse_deviations",
-]
-
 DeviationKind = Literal[
     "missing_series",
     "missing_step",

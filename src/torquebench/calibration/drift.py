@@ -11,17 +11,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.units import DAY, DAYS_PER_YEAR
 
-__all__ = [
-    "ControlChart",
-    "DriftPrediction",
-    "Trend",
-    "find_trend",
-    "individuals_chart",
-    "predict_drift",
-    "propose_due_date",
-    "span_errors",
-]
-
 INDIVIDUALS_FACTOR = 2.660
 """3/d₂ for moving ranges of two (d₂ = 1.128): limits of single values about their mean."""
 

@@ -14,22 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = [
-    "CLASSES",
-    "PERCENT_DIGITS",
-    "ClassLimits",
-    "Classification",
-    "Interpolation",
-    "LoadingSeries",
-    "Regression",
-    "Reproducibility",
-    "StaticEvaluation",
-    "classify",
-    "evaluate_static",
-    "limits_of_class",
-    "regression",
-]
-
 FloatArray = NDArray[np.float64]
 DEGREES = (1, 2, 3)
 Reproducibility = Literal["range", "standard-deviation"]

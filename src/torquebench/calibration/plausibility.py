@@ -13,14 +13,6 @@ from torquebench.calibration.data import CalibrationData
 from torquebench.calibration.series import DIRECTIONS, tare
 from torquebench.message import Message
 
-__all__ = [
-    "Contradiction",
-    "Plausibility",
-    "examine_table",
-    "find_contradictions",
-    "rows_in_words",
-]
-
 FloatArray = NDArray[np.float64]
 Percent = Annotated[float, Field(gt=0, le=100)] | None
 ContradictionKind = Literal[

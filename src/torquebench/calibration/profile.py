@@ -18,8 +18,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.validation import parse_toml, validated
 
-__all__ = ["Consequence", "Profile", "available_profiles", "load_profile"]
-
 Percent = Annotated[float, Field(gt=0, le=100)]
 Seconds = Annotated[float, Field(ge=0, le=86400)]
 Count = Annotated[int, Field(ge=1, le=1000)]

@@ -30,8 +30,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.uncertainty import CertifiedUncertainty
 
-__all__ = ["CalibrationResults", "DirectionResults", "SideBySide", "calibration_results"]
-
 FloatArray = NDArray[np.float64]
 
 

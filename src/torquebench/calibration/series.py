@@ -10,17 +10,6 @@ from torquebench.calibration.data import CalibrationData, infer_branch, plainest
 from torquebench.calibration.evaluation import LoadingSeries
 from torquebench.message import Message
 
-__all__ = [
-    "DIRECTIONS",
-    "Loading",
-    "TaredPoints",
-    "ZeroHysteresis",
-    "loading_series",
-    "own_steps",
-    "tare",
-    "zero_hysteresis",
-]
-
 FloatArray = NDArray[np.float64]
 DIRECTIONS = {1: "clockwise", -1: "counter-clockwise"}
 

@@ -4,8 +4,6 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
-__all__ = ["Step"]
-
 
 class Step(BaseModel):
     """One step of a loading sequence.

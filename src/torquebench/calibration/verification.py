@@ -13,19 +13,6 @@ from torquebench.chain.effects.rotation import STANDSTILL_RPM
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = [
-    "RAW",
-    "READING_RULE",
-    "Chain",
-    "ErrorSummary",
-    "ModelVerification",
-    "Repeatability",
-    "VerificationResult",
-    "repeatability",
-    "summarise_errors",
-    "verify",
-]
-
 RAW = "raw"
 """Name of the uncompensated reading among the models of a verification."""
 

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Unpack
 
 from torquebench.bench.active_chain import ActiveChain
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.roles import Side
 from torquebench.calibration import Profile
 from torquebench.campaign.bench_chains import recorded_effects
 from torquebench.campaign.fitting import (
@@ -38,14 +38,6 @@ from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import Registry, RunFolder
 from torquebench.station import Station
 from torquebench.station.matching import compensation_for
-
-__all__ = [
-    "CALIBRATION",
-    "FinishedCalibration",
-    "FittedCalibration",
-    "calibration_fit",
-    "measure_calibration",
-]
 
 
 @dataclass(frozen=True)

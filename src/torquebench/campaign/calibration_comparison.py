@@ -28,15 +28,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records import CalibrationEntry, ModelEntry, Registry
 
-__all__ = [
-    "SAME_RANGE",
-    "CalibrationComparison",
-    "CalibrationStep",
-    "ComparedCalibration",
-    "compare_calibrations",
-    "model_of_calibration",
-]
-
 FloatArray = NDArray[np.float64]
 
 STEPS = 10

@@ -21,14 +21,6 @@ from torquebench.chain import (
 from torquebench.message import Message
 from torquebench.uncertainty import CertifiedUncertainty
 
-__all__ = [
-    "mounting_effect",
-    "reference_effect",
-    "remark_another_standard",
-    "stated_effects",
-    "step_noise",
-]
-
 
 def reference_effect(
     data: CalibrationData,

@@ -9,7 +9,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.roles import Side
 from torquebench.calibration import CalibrationData, Profile
 from torquebench.campaign.bench_chains import check_standard, used_chain
 from torquebench.campaign.measuring import Measured, RunKind, RunOptions
@@ -29,8 +29,6 @@ from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import REGISTERS, CheckEntry, ModelEntry, Registry, RunFolder
 from torquebench.station import Station, enter_run
 from torquebench.uncertainty import Decision, Tolerance, Verdict, decide
-
-__all__ = ["CHECK", "CheckResult", "JudgedPoints", "check_module", "judge_check"]
 
 CHECK_STANDARD = {
     "reference standard": "check standard",

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from torquebench import __version__
-from torquebench.bench.drivers.base import SIDES, Side
+from torquebench.bench.roles import SIDES, Side
 from torquebench.calibration import Profile, load_profile
 from torquebench.campaign.calibrating import (
     CALIBRATION,
@@ -40,9 +40,6 @@ from torquebench.procedures import FrictionSettings, StaircaseResult
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import REGISTERS, ModelEntry
 from torquebench.station import Station
-
-__all__ = ["DemoSettings", "run_demo"]
-
 
 Fit = Callable[[], list[FittedModel]]
 Begin = Callable[[Fit], Fit]

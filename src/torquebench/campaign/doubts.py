@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from torquebench.records import Registry
     from torquebench.station import Station
 
-__all__ = ["CALIBRATOR", "VERIFICATION_STANDARD", "doubts_before", "expired_standards"]
-
 CALIBRATOR = "calibrator"
 VERIFICATION_STANDARD = "verification standard"
 

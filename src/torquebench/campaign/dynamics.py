@@ -46,8 +46,6 @@ from torquebench.tables import (
     read_table,
 )
 
-__all__ = ["IdentifiedDynamics", "identify_dynamics", "load_dynamics", "save_dynamics"]
-
 FORMAT = "torquebench dynamics 1"
 _UNEVEN = 0.01
 _STEPS = ("time_s", "reading_nm", "standard_nm", "segment", "period_s")

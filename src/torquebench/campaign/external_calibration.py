@@ -28,8 +28,6 @@ from torquebench.records.signatures import Signature
 from torquebench.uncertainty import CertifiedUncertainty
 from torquebench.validation import refuse_future
 
-__all__ = ["ExternalCalibration", "RegisteredTable", "check_circumstances", "register_table"]
-
 KIND = "calibration-table"
 """Kind of the run that holds an external table."""
 

@@ -21,8 +21,6 @@ from torquebench.records import Registry, RunFolder, RunState, UnfinishedRun, un
 from torquebench.records.signatures import Signature
 from torquebench.station.entering import enter_run, require_original
 
-__all__ = ["REGISTERED", "Finished", "discard_run", "find_unfinished", "finish_run"]
-
 REGISTERED: dict[str, RunKind[Any, Any, Any]] = {
     kind.kind.partition("-")[0]: kind for kind in (CALIBRATION, CHECK, VERIFICATION)
 }

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Generic, Literal, TypedDict, TypeVar, Unpack
 
-from torquebench.bench.drivers.base import Mounting, Side
 from torquebench.bench.mounting_record import MountingRecord
+from torquebench.bench.roles import Mounting, Side
 from torquebench.calibration import Profile
 from torquebench.errors import BenchError
 from torquebench.message import Message
@@ -19,17 +19,6 @@ from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import Registry
 from torquebench.records.signatures import operator_name
 from torquebench.station import RunRecord, Station
-
-__all__ = [
-    "Measured",
-    "OnPause",
-    "RunAbortedError",
-    "RunKind",
-    "RunOptions",
-    "measure",
-    "run_metadata",
-    "standard_at_rest",
-]
 
 Result = TypeVar("Result")
 Evaluated = TypeVar("Evaluated")

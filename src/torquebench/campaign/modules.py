@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.roles import Side
 from torquebench.calibration import (
     RAW,
     ErrorSummary,
@@ -24,8 +24,6 @@ from torquebench.campaign.results import CompensationResult, DenseSweep, ModuleR
 from torquebench.chain import MeasuringChain, Readings
 from torquebench.procedures import StaircaseResult
 from torquebench.station import Station
-
-__all__ = ["dense_sweep", "evaluate_module"]
 
 DENSE_POINTS_PER_BRANCH = 1001
 

@@ -45,8 +45,6 @@ from torquebench.station.entering import enter_run, require_original
 from torquebench.station.registration import register_equipment
 from torquebench.validation import validated
 
-__all__ = ["DAMAGED_REGISTRY", "NOT_REBUILT", "Rebuilt", "rebuild"]
-
 DAMAGED_REGISTRY = "registry-damaged-"
 """Prefix of the name under which a damaged registry is kept."""
 NOT_REBUILT = (

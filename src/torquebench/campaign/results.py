@@ -20,14 +20,6 @@ from torquebench.compensation import Comparison, CompensationModel, NoiseFloor
 if TYPE_CHECKING:
     from torquebench.procedures import FrictionSweep
 
-__all__ = [
-    "CompensationResult",
-    "DemoResult",
-    "DenseSweep",
-    "FitResult",
-    "ModuleResult",
-]
-
 
 @dataclass(frozen=True)
 class DenseSweep:

@@ -8,8 +8,8 @@ from datetime import UTC, datetime
 from typing import Any, Unpack
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.drivers.base import Side
 from torquebench.bench.mounting_record import MountingRecord
+from torquebench.bench.roles import Side
 from torquebench.calibration import Profile, Step
 from torquebench.campaign.calibrating import measure_calibration
 from torquebench.campaign.fitting import ModelChoice
@@ -35,8 +35,6 @@ from torquebench.records import (
 )
 from torquebench.station import Station
 from torquebench.units import HOUR
-
-__all__ = ["InterruptedCalibration", "find_interrupted", "read_interrupted", "resume_calibration"]
 
 INTERRUPTED = ("interrupted", "aborted", "failed")
 

@@ -18,15 +18,6 @@ from torquebench.reducers import (
 )
 from torquebench.station import Station
 
-__all__ = [
-    "FRICTION",
-    "StandardReducer",
-    "StandardReducerCheck",
-    "certified_reducer",
-    "check_standard_reducer",
-    "within_certificate",
-]
-
 FRICTION: RunKind[FrictionSweep, None, None] = RunKind(
     "no-load-friction",
     lambda _side: Message("No-load friction of the reducer"),

@@ -19,8 +19,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
 
-__all__ = ["TurningChain", "identify_turning", "joined_tables"]
-
 
 @dataclass(frozen=True)
 class TurningChain:

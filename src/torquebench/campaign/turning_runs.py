@@ -27,8 +27,6 @@ from torquebench.procedures.turning.stepping import StepTable, step_torques
 from torquebench.station import Station
 from torquebench.tables import read_calibration, read_table, write_calibration
 
-__all__ = ["BegunCalibration", "TurningRun", "measure_turning", "read_begun", "rehearse_turning"]
-
 COLUMNS = ("time_s", "reading_nm", "speed_rpm", "temperature_c")
 ANGLE = "angle_deg"
 """Additional column, if the encoder counts from a mark."""

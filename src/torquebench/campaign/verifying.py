@@ -8,7 +8,7 @@ from typing import Unpack
 
 import numpy as np
 
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.roles import Side
 from torquebench.calibration import Profile, VerificationResult
 from torquebench.calibration import verify as compare_with_models
 from torquebench.campaign.bench_chains import used_chain
@@ -20,8 +20,6 @@ from torquebench.procedures import StaircaseResult, verify
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import REGISTERS, ModelEntry, Registry
 from torquebench.station import Station
-
-__all__ = ["VERIFICATION", "VerifiedModels", "measure_verification", "verify_on_bench"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,6 @@ import numpy as np
 from torquebench.chain.readings import FloatArray
 from torquebench.units import RAD_S_PER_RPM
 
-__all__ = ["LEARNED", "AccelerationBySpeed"]
-
 _WANTED_RAD_S2 = 0.3
 """Largest standard uncertainty caused by noise of the speed, rad/s²: 1 % of a ramp of 300 rpm/s."""
 _LONGEST_S = 0.25

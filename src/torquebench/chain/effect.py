@@ -17,8 +17,6 @@ from torquebench.elementwise import Values
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["EFFECTS", "Effect", "MeasuredPart", "Refusal", "register"]
-
 EFFECTS: dict[str, type[Effect]] = {}
 """All stored effects by the kind named in chain files."""
 

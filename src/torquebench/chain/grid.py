@@ -6,8 +6,6 @@ import numpy as np
 
 from torquebench.chain.readings import FloatArray
 
-__all__ = ["Table", "between", "numbers"]
-
 Numbers = tuple[float, ...]
 Table = tuple[Numbers, ...]
 """Table with one row for each node of the first quantity."""

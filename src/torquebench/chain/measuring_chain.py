@@ -30,8 +30,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.units import HOURS_PER_DAY
 
-__all__ = ["ChainStream", "MeasuringChain", "RecordedStream", "effect_from", "load_chain"]
-
 _Kind = TypeVar("_Kind", bound=Effect)
 GAP_STEPS = 3.0  # in windows: a shorter gap can't hide a significant reversal
 

@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.chain.readings import FloatArray
-from torquebench.chain.torque import Component, Shared, Torque
-from torquebench.uncertainty import Distribution
-
-__all__ = ["TorqueParts"]
+from torquebench.chain.torque import Component, Torque
+from torquebench.uncertainty import Distribution, Shared
 
 NEGLIGIBLE = 1e-3
 """Share of opposite signs that is ignored, because an error in proportion to the torque may have

@@ -11,18 +11,6 @@ from numpy.typing import NDArray
 
 from torquebench.elementwise import Values
 
-__all__ = [
-    "MEASURED",
-    "QUANTITIES",
-    "FloatArray",
-    "Known",
-    "Readings",
-    "known_or",
-    "row_of",
-    "rows_of",
-    "unknown",
-]
-
 FloatArray = NDArray[np.float64]
 Known = FloatArray | float | None
 """One value for all readings, or one for each; None or NaN if not measured."""

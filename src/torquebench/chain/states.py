@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from torquebench.chain.readings import Readings
     from torquebench.chain.torque import Torque
 
-__all__ = ["EffectState", "effect_states", "not_in_u"]
-
 Standing = Literal["holds", "outside", "unmeasured", "off", "missing"]
 
 

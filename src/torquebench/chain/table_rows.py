@@ -10,8 +10,6 @@ import numpy as np
 
 from torquebench.chain.readings import MEASURED, Known, Readings
 
-__all__ = ["readings_of_rows"]
-
 
 def readings_of_rows(
     rows: Mapping[str, Any],

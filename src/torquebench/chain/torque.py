@@ -17,22 +17,12 @@ from torquebench.uncertainty import (
     Budget,
     BudgetLine,
     Distribution,
-    Shared,
     Validation,
     check_by_monte_carlo,
 )
-
-__all__ = [
-    "COVERAGE_FACTOR",
-    "NOISE",
-    "Component",
-    "Shapes",
-    "Shared",
-    "Torque",
-    "by_row",
-    "joined",
-    "not_corrected",
-]
+from torquebench.uncertainty import (
+    Shared as Shared,
+)
 
 Shapes = Distribution | NDArray[np.object_]
 """One distribution for all torques, or one for each."""

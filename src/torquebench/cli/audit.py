@@ -65,7 +65,8 @@ def audit(
     Each line is bound to bench, run and operator. The files are JSON lines: audit/audit.jsonl in
     the data directory, and audit.jsonl in each run's folder.
     """
-    from torquebench.bench.audit.entries import AUDIT_FILE, AUDIT_FOLDER, read_audit
+    from torquebench.bench.audit.chain import AUDIT_FILE
+    from torquebench.bench.audit.entries import AUDIT_FOLDER, read_audit
     from torquebench.operations.records import find_run
     from torquebench.records import Registry
 

@@ -66,7 +66,7 @@ def measure(
     description = bench_description(bench)
     note(f"opening {description.name}")
 
-    from torquebench.bench.drivers.base import SIDES
+    from torquebench.bench.roles import SIDES
     from torquebench.cli.recovered import tell_recovered
     from torquebench.station import Station
 

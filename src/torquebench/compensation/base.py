@@ -27,7 +27,6 @@ from torquebench.compensation.columns import (
     by_names,
     explain_rejection,
     feature_column,
-    features,
 )
 from torquebench.compensation.curve_uncertainty import student_widening
 from torquebench.compensation.estimator import Between, Estimator, OneOf, Truth, parameter
@@ -36,16 +35,6 @@ from torquebench.elementwise import Values
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
-
-__all__ = [
-    "FEATURES",
-    "FEWEST_POINTS",
-    "CompensationModel",
-    "FloatArray",
-    "feature_column",
-    "features",
-    "single_blas_thread",
-]
 
 
 @functools.cache

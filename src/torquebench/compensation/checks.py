@@ -13,19 +13,6 @@ from torquebench.compensation.state import storable
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = [
-    "WHOLE_SHARE",
-    "CalibrationPoints",
-    "Outlier",
-    "OutlierWarning",
-    "PointsReducedWarning",
-    "check_points",
-    "find_outliers",
-    "point_weights",
-    "reduce_points",
-    "trend_free",
-]
-
 WHOLE_SHARE = 0.9
 """Share of the range from which on a calibration counts as full-scale: readings of the last step
 deviate a little from it, and adaptively placed points may end before it.

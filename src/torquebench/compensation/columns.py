@@ -10,17 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = [
-    "BRANCH_WORDS",
-    "FEATURES",
-    "FloatArray",
-    "branch_values",
-    "by_names",
-    "explain_rejection",
-    "feature_column",
-    "features",
-]
-
 FloatArray = NDArray[np.float64]
 
 FEATURES = ("reading_nm", "branch", "series", "speed_rpm", "temperature_c")

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from torquebench.kernels import kernel
 
-__all__ = ["descend"]
-
 FloatArray = NDArray[np.float64]
 
 _SERIES = tuple(1.0 / factorial(power) for power in range(13, -1, -1))

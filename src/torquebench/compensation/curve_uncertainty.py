@@ -27,8 +27,6 @@ from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.state import storable
 from torquebench.elementwise import Values, located, on_lines
 
-__all__ = ["COVERAGE_95", "CurveUncertainty", "half_widths", "student_widening"]
-
 COVERAGE_95 = 1.959964
 _HALVINGS = 24
 

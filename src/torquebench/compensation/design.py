@@ -15,14 +15,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from torquebench.compensation.base import CompensationModel, FloatArray, features
+from torquebench.compensation.base import CompensationModel
+from torquebench.compensation.columns import FloatArray, features
 from torquebench.compensation.curve_uncertainty import CurveUncertainty
 from torquebench.compensation.hybrid.model import Average, HybridModel
 from torquebench.compensation.hybrid.parts import Points
 from torquebench.errors import InputError
 from torquebench.message import Message
-
-__all__ = ["Criterion", "Proposal", "propose_points"]
 
 Criterion = Literal["worst", "integrated"]
 

@@ -19,15 +19,6 @@ from torquebench.compensation.curve_uncertainty import COVERAGE_95, CurveUncerta
 from torquebench.compensation.hybrid import HybridModel
 from torquebench.progress import NO_PROGRESS, Progress
 
-__all__ = [
-    "FormModel",
-    "Posterior",
-    "Values",
-    "discrepancy",
-    "discrepancy_of",
-    "fit_posterior",
-]
-
 Values = Callable[[FloatArray, FloatArray], FloatArray]
 """Function from u and branch to the additional torque, all as fractions of full scale."""
 Posterior = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]

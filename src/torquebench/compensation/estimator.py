@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from torquebench.compensation.checks import Outlier
     from torquebench.compensation.curve_uncertainty import CurveUncertainty
 
-__all__ = ["Between", "Estimator", "Limit", "OneOf", "Truth", "parameter"]
-
 
 @dataclass(frozen=True)
 class Between:

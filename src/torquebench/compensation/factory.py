@@ -12,8 +12,6 @@ from torquebench.compensation.state import encode_value
 from torquebench.errors import InputError, ModelMismatchError
 from torquebench.message import Message
 
-__all__ = ["make_model", "model_from_state"]
-
 
 def make_model(name: str, **parameters: Any) -> CompensationModel:
     """Make an unfitted model by its name.

@@ -36,14 +36,6 @@ from torquebench.elementwise import Values, elementwise, in_rows, located, on_li
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = [
-    "BranchTracker",
-    "HistoryCompensator",
-    "HysteresisOperator",
-    "LiveTorque",
-    "one_sided_path",
-]
-
 FloatArray = NDArray[np.float64]
 
 _GENERIC_WIDTHS = np.geomspace(0.005, 0.9, 14)

@@ -12,8 +12,6 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.compensation.base import CompensationModel
 
-__all__ = ["MODELS", "MODEL_NAMES", "NETWORKS", "check_kind", "parsed_kind", "register"]
-
 
 class _Kinds(Mapping[str, "type[CompensationModel]"]):
     """Mapping from names to kinds of models; a class is imported at its first use.

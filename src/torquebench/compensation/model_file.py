@@ -17,16 +17,6 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.compensation.base import CompensationModel
 
-__all__ = [
-    "FORMAT",
-    "FORMAT_VERSION",
-    "Provenance",
-    "ReadingScale",
-    "StoredModel",
-    "load_model",
-    "save_model",
-]
-
 FORMAT = "torquebench-model"
 FORMAT_VERSION = 1
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from torquebench.compensation.base import FloatArray
+from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.discrepancy import FormModel
 from torquebench.compensation.estimator import Between, OneOf, parameter
 from torquebench.compensation.kinds import NETWORKS, register
@@ -24,8 +24,6 @@ from torquebench.compensation.network_training import (
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.progress import SHARES, Progress
-
-__all__ = ["NetworkModel"]
 
 _NEGLIGIBLE_EVIDENCE = -20.0  # nats below the best start
 _START_SIZES = (1.0, 0.25)  # in units of Nguyen and Widrow's start: from fine to smooth

@@ -17,22 +17,6 @@ from scipy.linalg import lapack
 from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.state import storable
 
-__all__ = [
-    "GROUPS",
-    "NetworkMember",
-    "NetworkParameters",
-    "SpanScaling",
-    "descend",
-    "determined_parameters",
-    "hidden_values",
-    "jacobian",
-    "network_values",
-    "nguyen_widrow_start",
-    "small_uniform_start",
-    "tangent_kernels",
-    "train_member",
-]
-
 GROUPS = ("input weights", "hidden biases", "output weights and bias")
 """Groups of parameters with a common prior precision."""
 _FIRST_DAMPING = 10.0  # factor on the precisions that keeps the first steps close to the start

@@ -13,14 +13,6 @@ from torquebench.elementwise import functions_for
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = [
-    "BRANCHES",
-    "LARGEST",
-    "Curve",
-    "PiecewisePolynomial",
-    "approximate",
-]
-
 FloatArray = NDArray[np.float64]
 
 Curve = Callable[[FloatArray, int], FloatArray]

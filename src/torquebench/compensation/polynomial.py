@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from torquebench.compensation.base import FloatArray
+from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.discrepancy import FormModel
 from torquebench.compensation.estimator import Between, Truth, parameter
 from torquebench.compensation.kinds import register
@@ -16,8 +16,6 @@ from torquebench.compensation.state import storable
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.progress import Progress
-
-__all__ = ["OrthogonalPolynomial", "PolynomialModel", "fit_orthogonal"]
 
 
 @storable

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from torquebench.compensation.base import FloatArray
+from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.discrepancy import FormModel
 from torquebench.compensation.estimator import Between, parameter
 from torquebench.compensation.kinds import register
@@ -16,8 +16,6 @@ from torquebench.compensation.network_training import SpanScaling
 from torquebench.compensation.state import storable
 from torquebench.message import Message
 from torquebench.progress import SHARES, Progress
-
-__all__ = ["RadialBasis", "RadialBasisModel"]
 
 _WIDTH_LIMITS = (0.03, 2.0)  # width of Gaussians over -1 ... 1
 _RIDGE_LIMITS = (1e-8, 1.0)

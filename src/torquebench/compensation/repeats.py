@@ -12,8 +12,6 @@ from torquebench.compensation.columns import FloatArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["IntArray", "NoiseFloor", "noise_floor", "repeat_groups", "spread_folds"]
-
 IntArray = NDArray[np.intp]
 
 _SAME_STEP_SHARE_OF_SPAN = 0.003

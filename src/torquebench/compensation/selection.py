@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr, stdtrit
 
-from torquebench.compensation.base import FEWEST_POINTS, CompensationModel, FloatArray
+from torquebench.compensation.base import FEWEST_POINTS, CompensationModel
 from torquebench.compensation.checks import (
     CalibrationPoints,
     Outlier,
@@ -20,7 +20,7 @@ from torquebench.compensation.checks import (
     check_points,
     point_weights,
 )
-from torquebench.compensation.columns import by_names
+from torquebench.compensation.columns import FloatArray, by_names
 from torquebench.compensation.discrepancy import discrepancy_of, fit_posterior
 from torquebench.compensation.factory import make_model
 from torquebench.compensation.repeats import (
@@ -32,15 +32,6 @@ from torquebench.errors import InputError
 from torquebench.html_table import html_table
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, SHARES, Part, Progress
-
-__all__ = [
-    "CANDIDATES",
-    "Comparison",
-    "LeftOut",
-    "ModelScore",
-    "compare",
-    "worse_than_raw",
-]
 
 CANDIDATES = (
     "polynomial-1",

@@ -12,8 +12,6 @@ import numpy as np
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["decode_value", "encode_value", "storable"]
-
 _STORABLE: dict[str, type] = {}
 _Class = TypeVar("_Class", bound=type)
 

@@ -23,8 +23,6 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.compensation.base import CompensationModel
 
-__all__ = ["CompensationTable", "compile_table"]
-
 FloatArray = NDArray[np.float64]
 
 

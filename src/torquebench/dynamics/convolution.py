@@ -3,8 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["convolve", "convolve_uncertain"]
-
 FloatArray = NDArray[np.float64]
 
 _BLOCK = 4096

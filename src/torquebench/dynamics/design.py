@@ -14,8 +14,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.units import TURN
 
-__all__ = ["InverseFilter", "StepResponse", "design_inverse", "step_response"]
-
 FloatArray = NDArray[np.float64]
 
 GAIN_OF_BANDWIDTH = 3.3

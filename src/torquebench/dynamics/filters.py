@@ -16,8 +16,6 @@ from torquebench.elementwise import Values, elementwise, in_rows
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["FilterStream", "Filtered", "UncertainFilter"]
-
 FloatArray = NDArray[np.float64]
 
 _NEGLIGIBLE = 1e-15  # of the largest eigenvalue, for rounding of the covariance

@@ -14,8 +14,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.units import RAD_S_PER_RPM, TURN
 
-__all__ = ["Inertia", "Known", "Shaft", "identify", "identify_inertia", "shaft_of"]
-
 FloatArray = NDArray[np.float64]
 
 _LARGEST_RELATIVE = {"resonance_hz": 0.05, "damping_ratio": 0.3}

@@ -12,8 +12,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.units import TURN
 
-__all__ = ["PARAMETERS", "TransferFunction"]
-
 FloatArray = NDArray[np.float64]
 
 PARAMETERS = ("resonance_hz", "damping_ratio", "lag_s", "delay_s")

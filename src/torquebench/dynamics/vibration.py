@@ -16,17 +16,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.units import TURN
 
-__all__ = [
-    "Delay",
-    "MotorInertia",
-    "Sine",
-    "Steps",
-    "Vibration",
-    "identify_delay",
-    "identify_vibration",
-    "shaft_on_bench",
-]
-
 FloatArray = NDArray[np.float64]
 
 _AFTER_STEP_S = 5e-3

@@ -10,17 +10,6 @@ from torquebench.errors import InputError
 from torquebench.mechanics.torsion import polar_moment
 from torquebench.message import Message
 
-__all__ = [
-    "AdditionalTorque",
-    "Chain",
-    "Coefficients",
-    "Form",
-    "Sensitivity",
-    "additional_torque",
-    "coefficients",
-    "sensitivities",
-]
-
 FloatArray = NDArray[np.float64]
 Form = Literal["consistent", "published"]
 

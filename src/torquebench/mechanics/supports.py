@@ -16,8 +16,6 @@ from torquebench.units import TURN
 if TYPE_CHECKING:
     from skfem import MeshTet
 
-__all__ = ["SupportComparison", "SupportDesign", "TwistedSolid", "compare_supports"]
-
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 

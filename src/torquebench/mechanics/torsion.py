@@ -10,14 +10,6 @@ from scipy.special import expit, zeta
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = [
-    "equal_area_twist_ratio",
-    "hollow_circle_gain",
-    "polar_moment",
-    "rectangle_torsion_constant",
-    "rectangle_torsion_factor",
-]
-
 FloatArray = NDArray[np.float64]
 
 

@@ -18,8 +18,6 @@ from torquebench.reports.page import Block, Table
 from torquebench.signals import CounterMethod, EdgeBlock, FrequencyCounter
 from torquebench.units import MS_PER_S, TURN
 
-__all__ = ["Streamed", "acquisition_blocks", "streamed"]
-
 CHANNELS = 4
 """Number of channels: two transducers, and the two outputs of the standard."""
 CENTRE_HZ, SPAN_HZ = 60e3, 30e3

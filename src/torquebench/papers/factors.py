@@ -31,16 +31,6 @@ from torquebench.station import Station
 from torquebench.tables import read_calibration, read_empty_run
 from torquebench.units import DEG_PER_RAD, MS_PER_S, TURN
 
-__all__ = [
-    "CONDITIONS",
-    "FactorError",
-    "Measurement",
-    "changing_torque",
-    "factor_errors",
-    "factor_table",
-    "measured_at",
-]
-
 FloatArray = NDArray[np.float64]
 Measurement = CalibrationData | EmptyRun
 

@@ -19,15 +19,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.station import Station
 
-__all__ = [
-    "FACTS",
-    "FAILED",
-    "MOUNTING",
-    "bench_facts",
-    "read_rows",
-    "write_rows",
-]
-
 FACTS = "bench.csv"
 MOUNTING = "mounting: "
 """Prefix of the keys of facts from the mounting's record."""

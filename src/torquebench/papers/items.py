@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
-__all__ = ["HARDWARE", "ITEMS", "LOADING", "SUB_SYSTEMS", "Answer", "Fulfilment", "Item"]
-
 Fulfilment = Literal["met", "not met", "partly", "shown", "not measured", "missing"]
 
 

@@ -34,18 +34,6 @@ from torquebench.reports.errors_table import number
 from torquebench.reports.page import Block, Facts, Figure, Table
 from torquebench.validation import parse_toml
 
-__all__ = [
-    "COAXIALITY_LIMIT_M",
-    "DESIGNS",
-    "Design",
-    "additional_torque_blocks",
-    "coaxiality_effect_nm",
-    "load_design",
-    "section_blocks",
-    "sign_blocks",
-    "support_blocks",
-]
-
 COAXIALITY_LIMIT_M = 0.03e-3
 """Limit of the coaxiality error by [J]."""
 Blocks = list[Block]

@@ -22,20 +22,6 @@ from torquebench.compensation import (
 )
 from torquebench.papers.tables import ModuleTables
 
-__all__ = [
-    "BP_DIRECT",
-    "BP_RESIDUAL",
-    "CHOICES",
-    "NODE_EPOCHS",
-    "POLYNOMIAL",
-    "RECOMMENDED_NAME",
-    "Choice",
-    "FittedModule",
-    "NodeTrial",
-    "PapersModel",
-    "fit_module",
-]
-
 BP_RESIDUAL, BP_DIRECT, POLYNOMIAL = "bp-residual", "bp-direct", "polynomial"
 RECOMMENDED_NAME, BAYESIAN = "recommended", "bp-bayesian"
 

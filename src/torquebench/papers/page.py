@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.roles import Side
 from torquebench.calibration import CalibrationData, repeatability
 from torquebench.compensation import NetworkModel
 from torquebench.figures import Curve
@@ -50,15 +50,6 @@ from torquebench.reports.verification_report import (
     verification_tables,
 )
 from torquebench.uncertainty import stated
-
-__all__ = [
-    "BenchResult",
-    "alone_row",
-    "friction_blocks",
-    "in_place_page",
-    "papers_page",
-    "study_blocks",
-]
 
 LIMIT_PERCENT = 0.1
 """Error and repeatability stated by the papers, % FS."""

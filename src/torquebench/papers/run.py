@@ -19,8 +19,6 @@ from torquebench.papers.tables import BenchTables
 from torquebench.processes import end_with_parent
 from torquebench.progress import NO_PROGRESS, Progress
 
-__all__ = ["page_study", "results_of", "seeded", "with_factors", "workers"]
-
 WORKERS = 2
 
 

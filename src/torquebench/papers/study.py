@@ -29,29 +29,6 @@ from torquebench.compensation import NetworkModel, features, make_model
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.units import TURN
 
-__all__ = [
-    "CHAINS",
-    "CLAIMED_RATIO",
-    "FAMILIES",
-    "MOST_EPOCHS",
-    "NETWORK_NM",
-    "POLYNOMIAL_NM",
-    "RANGE_NM",
-    "SERIES",
-    "Contender",
-    "Finding",
-    "Row",
-    "StudiedChain",
-    "Study",
-    "best_quadratic_nm",
-    "contenders",
-    "errors_of",
-    "studied_chain",
-    "study_tasks",
-    "summarised",
-    "task_findings",
-]
-
 FloatArray = NDArray[np.float64]
 Series = Literal["50 rising", "50 up and down", "100 rising", "200 up and down"]
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from torquebench.atomic_write import atomic_write
 from torquebench.bench.certificates.torque import ReferenceCertificate
 from torquebench.bench.channels import certificates
-from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.bench.mounting_record import MountingRecord
+from torquebench.bench.roles import SIDES, Side
 from torquebench.calibration import CalibrationData, load_profile
 from torquebench.calibration.profile import Profile
 from torquebench.campaign.bench_chains import referenced
@@ -35,18 +35,6 @@ from torquebench.records import RunFolder
 from torquebench.reducers import CertifiedFriction, load_reducer
 from torquebench.station import Station
 from torquebench.tables import endings, read_calibration, read_table, reads, write_calibration
-
-__all__ = [
-    "BenchTables",
-    "FrictionTable",
-    "ModuleTables",
-    "PapersSettings",
-    "ReducerValue",
-    "measure_module",
-    "measure_tables",
-    "read_tables",
-    "write_tables",
-]
 
 FloatArray = NDArray[np.float64]
 _KINDS = ("calibration", "same-points", "other-points", "alone")

@@ -25,8 +25,6 @@ from torquebench.procedures.setup import Plan, Setup
 from torquebench.procedures.staircase import Row, load_staircase
 from torquebench.procedures.standard_check import StandardCheck
 
-__all__ = ["load_adaptively", "meanwhile"]
-
 Result = TypeVar("Result")
 
 

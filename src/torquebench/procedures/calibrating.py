@@ -11,7 +11,7 @@ import numpy as np
 
 from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.devices import BenchDevices
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.roles import Side
 from torquebench.calibration import CalibrationData, Placement, Plausibility, Profile, Step
 from torquebench.errors import BenchError
 from torquebench.procedures.adaptive import load_adaptively
@@ -20,8 +20,6 @@ from torquebench.procedures.resuming import Resumption
 from torquebench.procedures.setup import Plan, Setup, measured_in, start_metadata
 from torquebench.procedures.staircase import Row, load_staircase
 from torquebench.procedures.standard_check import StandardCheck
-
-__all__ = ["StaircaseResult", "calibrate", "verify"]
 
 
 @dataclass(frozen=True)

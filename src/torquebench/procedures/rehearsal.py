@@ -24,8 +24,6 @@ from torquebench.message import Message
 from torquebench.procedures.setup import Plan
 from torquebench.units import RPM_PER_RAD_S
 
-__all__ = ["Move", "Rehearsal", "rehearse"]
-
 Result = TypeVar("Result")
 
 ROOM_C = 23.0

@@ -10,8 +10,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.procedures.staircase import Row
 
-__all__ = ["Resumption", "complete_series", "preparation", "steps_again", "steps_from"]
-
 
 @dataclass(frozen=True)
 class Resumption:

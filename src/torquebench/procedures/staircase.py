@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
-from torquebench.bench.drivers.base import Seating
+from torquebench.bench.roles import Seating
 from torquebench.calibration import Step
 from torquebench.message import Message
 from torquebench.procedures.messages import (
@@ -22,8 +22,6 @@ from torquebench.procedures.messages import (
 from torquebench.procedures.setup import Plan, Setup, power_on, reseat
 from torquebench.procedures.standard_check import StandardCheck, TakenStep
 from torquebench.procedures.zeroing import zero
-
-__all__ = ["SETTLE_SHARE", "Row", "describe_step", "load_staircase", "steady_settings"]
 
 Row = Mapping[str, Any]
 """Values of one event by field, without device names."""

@@ -22,8 +22,6 @@ from torquebench.chain import Readings
 from torquebench.errors import BenchError, SignalFault, TorquebenchError
 from torquebench.message import Message
 
-__all__ = ["PairedTorque", "StandardCheck", "TakenStep", "check_pair", "check_zero"]
-
 WINDOW_SHARE = 0.6
 """Share of a preload's duration, at its end, that is averaged."""
 NOISE_FACTOR = 3.0

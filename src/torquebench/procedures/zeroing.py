@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import bluesky.preprocessors as bpp
 
 from torquebench.bench.devices import BenchDevices, MeasuredZero, SteadySettings, signal_of
-from torquebench.bench.drivers.base import SIDES, Side
+from torquebench.bench.roles import SIDES, Side
 from torquebench.procedures.messages import checkpoint, move, prepare, take
 from torquebench.procedures.setup import (
     REST_S,
@@ -19,8 +19,6 @@ from torquebench.procedures.setup import (
     start_metadata,
     unloaded_after,
 )
-
-__all__ = ["ZeroResult", "zero", "zero_modules"]
 
 
 @dataclass(frozen=True)

@@ -31,16 +31,6 @@ from torquebench.message import Message
 from torquebench.records.read_only import sqlite_reader
 from torquebench.records.signatures import Signature
 
-__all__ = [
-    "PANEL_FILE",
-    "Accounts",
-    "metadata",
-    "name_key",
-    "password_settings",
-    "system_users",
-    "users",
-]
-
 PANEL_FILE = "panel.sqlite"
 """The panel's own database in a data directory."""
 NAMED_DAYS = 30

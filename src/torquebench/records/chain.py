@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from typing import Any
 
-__all__ = ["START", "ChainHead", "Link", "broken_links", "canonical", "changed_fields", "seal"]
-
 START = "0" * 64
 """Predecessor hash of the first link."""
 

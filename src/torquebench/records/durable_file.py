@@ -8,8 +8,6 @@ from torquebench.atomic_write import create_private
 from torquebench.errors import RecordError
 from torquebench.message import Message
 
-__all__ = ["DurableFile"]
-
 
 class DurableFile:
     """Appends data completely: if a write fails, it removes the incomplete data and ends the file.

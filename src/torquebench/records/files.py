@@ -14,19 +14,6 @@ from typing import Any
 from torquebench.errors import RecordError
 from torquebench.message import Message
 
-__all__ = [
-    "EDGE_STREAM",
-    "UNREADABLE",
-    "json_text",
-    "plain_json",
-    "read_json",
-    "read_object",
-    "revived",
-    "sha256_of_file",
-    "with_messages",
-]
-
-
 UNREADABLE = (
     *(ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError),
     RecursionError,

@@ -18,16 +18,6 @@ from torquebench.records.registry.entries import Amendment, archived_at, links, 
 from torquebench.records.registry.runs import REBUILT, RunRecords
 from torquebench.records.runs.folder import MANIFEST, RunFolder
 
-__all__ = [
-    "Finding",
-    "IntegrityReport",
-    "anchor_of",
-    "calibration_changes",
-    "check_records",
-    "folder_changes",
-    "survived",
-]
-
 calibrations, certificates, equipment, models, reports, run_ends, runs = (
     metadata.tables[name]
     for name in (

@@ -8,8 +8,6 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-__all__ = ["is_writable", "sqlite_reader"]
-
 
 def is_writable(file: Path) -> bool:
     """Return whether a database's file and its folder can be written."""

@@ -15,14 +15,6 @@ from typing import Any, Literal, Self, get_args
 
 from torquebench.message import Message
 
-__all__ = [
-    "Signature",
-    "SignatureKind",
-    "how",
-    "operator_name",
-    "system_user",
-]
-
 SignatureKind = Literal["signed", "signed-in", "client", "typed", "automatic"]
 """By password for this decision; within a session; by a program's token; typed; automatic."""
 

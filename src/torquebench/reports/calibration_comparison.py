@@ -9,8 +9,6 @@ from torquebench.figures import COLOURS, legend_above, new_figure, percent_axis,
 from torquebench.reports.page import Drawings, Facts, Page, Section, Table
 from torquebench.uncertainty import stated
 
-__all__ = ["calibration_comparison_page", "change_figure"]
-
 BRANCHES = {1: "rising", -1: "falling", 0: ""}
 
 

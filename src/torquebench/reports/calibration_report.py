@@ -9,8 +9,6 @@ from torquebench.figures import Curve
 from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.page import Figure
 
-__all__ = ["error_curves", "loading_figures"]
-
 LOADING_LIMIT_PERCENT = 0.1
 """Loading accuracy of the source papers, % of range."""
 

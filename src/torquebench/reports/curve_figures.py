@@ -22,8 +22,6 @@ from torquebench.figures import (
 if TYPE_CHECKING:
     from torquebench.mechanics import TwistedSolid
 
-__all__ = ["Panel", "bodies_figure", "panels_figure"]
-
 _LINES = ("-", "--", ":")
 _LIMIT = {"color": "#9A3412", "linestyle": "--", "linewidth": 0.9}
 

@@ -13,8 +13,6 @@ from torquebench.reports.errors_table import number
 from torquebench.reports.module_report import module_sections
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 
-__all__ = ["demo_page", "friction_range"]
-
 
 def demo_page(result: DemoResult, drawn: Iterable[Sequence[Section]] = ()) -> Page:
     """Return the report of a demonstration.

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from torquebench.calibration import ErrorSummary
     from torquebench.campaign.results import CompensationResult, ModuleResult
 
-__all__ = ["errors_table", "module_errors", "number", "reference_name"]
-
 _HEADER = (
     "",
     "worst, N·m",

@@ -37,16 +37,6 @@ from torquebench.reports.page import Drawings, Facts, Figure, Page, Section, Tab
 from torquebench.reports.reducers.report import judged_table, tables_of
 from torquebench.units import ARCMIN
 
-__all__ = [
-    "QUANTITIES",
-    "evaluation_page",
-    "open_loop_page",
-    "regression_table",
-    "residual_zero",
-    "static_page",
-    "static_quantities",
-]
-
 QUANTITIES = (
     "f_q: deviation of the indication, b′: repeatability, b: reproducibility, f_a: deviation from "
     "the interpolated curve, h: reversibility, r: resolution, W: expanded uncertainty (k = 2), "

@@ -37,8 +37,6 @@ from torquebench.reports.certificate import (
 from torquebench.reports.export_words import file_words
 from torquebench.tables import calibration_csv, reference_remarks
 
-__all__ = ["ExportedRun", "export_run"]
-
 
 @dataclass(frozen=True)
 class ExportedRun:

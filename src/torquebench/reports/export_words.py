@@ -1,7 +1,5 @@
 """Descriptions of an exported run's files, for readers without the software."""
 
-__all__ = ["file_words"]
-
 _FILES = {
     "README.txt": "This text.",
     "SHA256SUMS.txt": "SHA-256 of every other file; `sha256sum -c SHA256SUMS.txt` compares them.",

@@ -15,8 +15,6 @@ from torquebench.reports.errors_table import errors_table, number
 from torquebench.reports.module_report import SOURCES_LIMIT_FS, branch_curves
 from torquebench.reports.page import Drawings, Facts, Page, Section, Table
 
-__all__ = ["fit_page"]
-
 
 def fit_page(result: FitResult) -> Page:
     """Return the report of a model that was fitted to one table.

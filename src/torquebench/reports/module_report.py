@@ -18,14 +18,6 @@ from torquebench.figures import (
 from torquebench.reports.errors_table import errors_table, module_errors, number, reference_name
 from torquebench.reports.page import Facts, Figure, Section, Table
 
-__all__ = [
-    "SOURCES_LIMIT_FS",
-    "branch_curves",
-    "conclusion",
-    "module_sections",
-    "staircase_figures",
-]
-
 SOURCES_LIMIT_FS = 0.001
 """0.1 % of full scale: the accuracy of the published instrument (doi 10.1177/00202940221103308)."""
 

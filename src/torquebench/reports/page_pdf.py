@@ -14,8 +14,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.reports.page import Diagram, Facts, Figure, Page, Table, drawn, write_page
 
-__all__ = ["check_suffix", "page_pdf", "write_report"]
-
 SUFFIXES = (".html", ".pdf")
 LINE = 110
 """Number of characters in a table's row."""

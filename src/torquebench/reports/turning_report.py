@@ -14,8 +14,6 @@ from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import number
 from torquebench.reports.page import Drawings, Facts, Section, Table
 
-__all__ = ["identified_section", "turning_section"]
-
 MOST_POINTS = 1500
 """Largest number of points in a diagram; longer records are thinned out except the worst points."""
 WORST_POINTS = 50

@@ -15,15 +15,6 @@ from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import number
 from torquebench.reports.page import Drawings, Facts, Page, Section, Table
 
-__all__ = [
-    "Verified",
-    "before_after_figure",
-    "kept_words",
-    "verification_page",
-    "verification_tables",
-]
-
-
 VERIFICATION_TITLES = {
     "input": "Verification of the input module",
     "output": "Verification of the output module",

@@ -14,8 +14,6 @@ from torquebench.signals.edges import EdgeBlock
 from torquebench.signals.faults import SignalFaultKind
 from torquebench.signals.record import Record
 
-__all__ = ["CounterMethod", "FrequencyCounter"]
-
 CounterMethod = Literal["reciprocal", "regression", "triangular"]
 Ticks = NDArray[np.int64]
 Counted = tuple[NDArray[np.float64], NDArray[np.uint8]]

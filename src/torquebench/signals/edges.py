@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["EdgeBlock"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeBlock:

@@ -5,8 +5,6 @@ from typing import Any
 
 from torquebench.errors import SignalFault
 
-__all__ = ["PulseTrainFault", "SignalFaultKind"]
-
 
 class SignalFaultKind(IntEnum):
     """Reason why a window has no number; the values are the codes in the column `fault`.

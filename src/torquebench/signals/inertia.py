@@ -9,8 +9,6 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["Motion", "inertia_torque", "motion_of_angle", "without_inertia"]
-
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Motion:

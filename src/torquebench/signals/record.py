@@ -13,8 +13,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.signals.faults import PulseTrainFault, SignalFaultKind
 
-__all__ = ["History", "Record"]
-
 Column = NDArray[Any]
 
 

@@ -10,8 +10,6 @@ from torquebench.message import Message
 from torquebench.signals.faults import PulseTrainFault, SignalFaultKind
 from torquebench.signals.record import Record
 
-__all__ = ["SignalScale"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SignalScale:

@@ -10,8 +10,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.units import TURN
 
-__all__ = ["SteadyValue", "settling_index", "steady_value"]
-
 # Number of tried starts between the first settled sample and the settling limit.
 _CANDIDATES = 8
 # Number of robust standard deviations of the window beyond which a residual is an outlier, too.

@@ -14,8 +14,6 @@ from torquebench.simulators.cia402 import Cia402Node
 from torquebench.simulators.line_server import LineServer
 from torquebench.simulators.misbehaviour import WireFaults
 
-__all__ = ["CanBusSimulator"]
-
 LONGEST_FRAME = 200
 TICK_S = 0.005
 

@@ -10,12 +10,10 @@ from typing import Any
 import canopen
 
 from torquebench.bench.drivers import cia402
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.roles import Side
 from torquebench.simulators.misbehaviour import WireFaults
 from torquebench.simulators.plant import Plant
 from torquebench.units import MS_PER_S, RPM_PER_RAD_S
-
-__all__ = ["Cia402Node", "serial_number"]
 
 VOLTAGE_ENABLED, TARGET_REACHED = 0x010, 0x400
 COMMUNICATION_ERROR = 0x11

@@ -30,8 +30,6 @@ from torquebench.simulators.line_server import LineServer
 from torquebench.simulators.misbehaviour import Misbehaviour, WireFaults
 from torquebench.simulators.plant import Plant
 
-__all__ = ["ControlServer"]
-
 TRUTH_WINDOW_S = 0.1
 
 

@@ -26,8 +26,6 @@ from torquebench.simulators.line_server import LineServer
 from torquebench.simulators.misbehaviour import WireFaults
 from torquebench.simulators.plant import AngleTap, EdgeTap, Plant
 
-__all__ = ["DaqmxSimulator", "device_number"]
-
 TIMEOUT_ERROR = -200284  # some or all of the samples requested have not yet been acquired
 OVERRUN = -200279  # the samples were overwritten before they were read
 RESERVED = -50103

@@ -11,8 +11,6 @@ from torquebench.errors import BenchError
 from torquebench.message import Message
 from torquebench.simulators.misbehaviour import WireFaults
 
-__all__ = ["LineServer"]
-
 ACCEPT_POLL_S = 0.1
 
 

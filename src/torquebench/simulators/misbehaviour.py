@@ -38,8 +38,6 @@ from typing import Literal, get_args
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["KINDS", "Misbehaviour", "MisbehaviourKind", "WireFaults"]
-
 MisbehaviourKind = Literal[
     "delay",
     "drop",

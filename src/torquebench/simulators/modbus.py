@@ -16,8 +16,6 @@ from torquebench.simulators.line_server import LineServer
 from torquebench.simulators.misbehaviour import WireFaults
 from torquebench.simulators.modbus_images import Image
 
-__all__ = ["ModbusSimulator"]
-
 HEADER = struct.Struct(">HHHB")
 LONGEST_REQUEST = 254
 LONGEST_BITS, LONGEST_WORDS = 2000, 125

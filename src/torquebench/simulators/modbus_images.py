@@ -7,7 +7,6 @@ import time
 from abc import ABC
 from collections.abc import Mapping
 
-from torquebench.bench.drivers.base import Mode, Side
 from torquebench.bench.drivers.modbus import register_map
 from torquebench.bench.drivers.modbus.register_map import (
     Coil,
@@ -18,13 +17,11 @@ from torquebench.bench.drivers.modbus.register_map import (
     DriveReport,
     DriveStatus,
 )
-from torquebench.bench.roles import SIDES
+from torquebench.bench.roles import SIDES, Mode, Side
 from torquebench.errors import TorquebenchError
 from torquebench.simulators.misbehaviour import WireFaults
 from torquebench.simulators.plant import Plant
 from torquebench.units import MS_PER_S, RPM_PER_RAD_S
-
-__all__ = ["AnglesImage", "DigitalImage", "DriveImage", "Image", "ProbesImage", "ReadoutImage"]
 
 LIE_K = 20.0
 LONGEST_ZERO_RAMP_S = 60.0

@@ -16,14 +16,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.bench.blocks import Block
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.drivers.base import CHANNELS, Block, Side
 from torquebench.bench.drivers.instruments import SimulationOptions
 from torquebench.bench.drivers.simulated.driver import SimulatedBench
-from torquebench.bench.roles import SIDES, angle_channel
+from torquebench.bench.roles import CHANNELS, SIDES, Side, angle_channel
 from torquebench.signals import EdgeBlock
-
-__all__ = ["AngleTap", "EdgeTap", "Plant"]
 
 STEP_S = 0.05
 """Longest part of bench time that is simulated at once, s."""

@@ -13,14 +13,12 @@ from functools import partial
 
 import numpy as np
 
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.roles import Side
 from torquebench.errors import BenchError
 from torquebench.signals import EdgeBlock, FrequencyCounter
 from torquebench.simulators.line_server import LineServer
 from torquebench.simulators.misbehaviour import WireFaults
 from torquebench.simulators.plant import EdgeTap, Plant
-
-__all__ = ["ScpiAmplifier", "ScpiFrequencyCounter", "ScpiInstrument", "ScpiSimulator"]
 
 NO_NUMBER = "9.91E37"
 WAIT_S = 10.0

@@ -18,8 +18,6 @@ from torquebench.simulators.misbehaviour import Misbehaviour, WireFaults
 from torquebench.simulators.plant import Plant
 from torquebench.validation import validated
 
-__all__ = ["Served", "Simulators"]
-
 
 class Served(Protocol):
     """A simulator on a port."""

@@ -26,8 +26,8 @@ from torquebench.atomic_write import (
     private_folder,
     replacing,
 )
-from torquebench.bench.audit.chain import audit_end, check_audit, files_aside
-from torquebench.bench.audit.entries import AUDIT_FILE, AUDIT_FOLDER
+from torquebench.bench.audit.chain import AUDIT_FILE, audit_end, check_audit, files_aside
+from torquebench.bench.audit.entries import AUDIT_FOLDER
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
@@ -39,16 +39,6 @@ from torquebench.records.registry.database_check import damage_of_file
 from torquebench.records.runs.folder import MANIFEST
 from torquebench.station.bench_lock import LOCK_FILE, BenchLock
 from torquebench.station.data_check import check_data_directory, run_folders
-
-__all__ = [
-    "ASIDE",
-    "BACKUP_FILE",
-    "Backup",
-    "Restored",
-    "back_up",
-    "require_file_registry",
-    "restore",
-]
 
 BACKUP_FILE = "backup.json"
 """File that marks a folder as a backup; it contains the backup's time and end of the chain."""

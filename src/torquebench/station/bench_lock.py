@@ -25,8 +25,6 @@ from torquebench.bench.description import BenchDescription
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["LOCK_FILE", "BenchLock"]
-
 LOCK_FILE = "bench.lock"
 """File in the data directory that names the process with the open bench; it is never deleted."""
 LOCKED_BYTE = 2**30

@@ -41,8 +41,6 @@ from torquebench.station.registration import register_equipment
 from torquebench.station.registry_queue import RegistryQueue
 from torquebench.station.unfinished import RecoveredRun, recover_unfinished
 
-__all__ = ["Station", "data_directory"]
-
 logger = logging.getLogger(__name__)
 
 UNLOADED_WITHIN_S = 1.0

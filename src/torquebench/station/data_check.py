@@ -9,8 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from torquebench.bench.audit.chain import AuditEnd, audit_end, check_audit
-from torquebench.bench.audit.entries import AUDIT_FILE, AUDIT_FOLDER
+from torquebench.bench.audit.chain import AUDIT_FILE, AuditEnd, audit_end, check_audit
+from torquebench.bench.audit.entries import AUDIT_FOLDER
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records import (
@@ -42,10 +42,6 @@ from torquebench.records.runs.unfinished import RunState, UnfinishedRun, unenter
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
-
-
-__all__ = ["check_data_directory", "run_folders"]
-
 
 OF_AN_INDEX = "only an index is damaged: `torquebench records rebuild` repairs it"
 

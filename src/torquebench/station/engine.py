@@ -24,8 +24,6 @@ from torquebench.bench.clock import BenchClock
 from torquebench.bench.safety import SafetySupervisor
 from torquebench.progress import NO_PROGRESS, Progress
 
-__all__ = ["BenchEngine", "Plan"]
-
 Plan = Generator[Msg, Any, Any]
 Result = TypeVar("Result")
 

@@ -16,8 +16,6 @@ from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records import Equipment, Registry, RunFolder, RunSummary, Zeroing
 
-__all__ = ["SPECIMEN", "enter_run"]
-
 SPECIMEN = "specimen"
 """Key of a run's metadata with the tested reducer's equipment data."""
 

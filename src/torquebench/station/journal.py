@@ -18,8 +18,6 @@ from torquebench.message import Message
 from torquebench.records import RunWriter
 from torquebench.signals import Record
 
-__all__ = ["NOT_IN_USE", "NO_COUNTS", "WAITING_BLOCKS", "QueuedJournal", "RunJournal"]
-
 NOT_IN_USE = 255
 """Fault code of a channel that isn't measured."""
 NO_COUNTS = int(np.iinfo(np.int64).min)

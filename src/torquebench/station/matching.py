@@ -19,8 +19,6 @@ from torquebench.errors import ModelMismatchError
 from torquebench.message import Message
 from torquebench.records import Registry
 
-__all__ = ["compensation_for"]
-
 
 def compensation_for(
     registry: Registry,

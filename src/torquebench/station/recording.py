@@ -22,8 +22,6 @@ from torquebench.station.journal import QueuedJournal, RunJournal
 from torquebench.station.registration import run_metadata
 from torquebench.station.registry_queue import RegistryQueue
 
-__all__ = ["LONGEST_BEFORE_S", "ExitStatus", "OpenRun", "Recording", "RunEnd", "RunRecord"]
-
 LONGEST_BEFORE_S = 60.0
 """Longest time before a run whose data can be recorded with it, s."""
 

@@ -14,8 +14,6 @@ from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.roles import SIDES
 from torquebench.records import Equipment, EquipmentKind, Registry, Report
 
-__all__ = ["register_equipment", "run_metadata"]
-
 
 def register_equipment(registry: Registry, description: BenchDescription) -> None:
     """Register the bench, its parts and its standards' certificates unless they are registered."""

@@ -11,8 +11,6 @@ from torquebench.errors import RecordError
 from torquebench.records import Registry, RunFolder
 from torquebench.station.entering import enter_run
 
-__all__ = ["RegistryQueue"]
-
 RETRY_S = 0.5
 SETTLE_S = 5.0
 """Longest time that the end of a run waits for a slow registry, s."""

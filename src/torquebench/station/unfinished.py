@@ -18,8 +18,6 @@ from torquebench.records import (
 )
 from torquebench.station.entering import enter_run
 
-__all__ = ["RecoveredRun", "recover_unfinished"]
-
 logger = logging.getLogger(__name__)
 
 

@@ -26,8 +26,6 @@ from torquebench.tables.reading import OpenTable, open_table
 from torquebench.tables.readings import ADDED_COLUMNS, ReadingsTable, TableColumns
 from torquebench.tables.table import Table, strings_of
 
-__all__ = ["CompensatedFile", "compensate_file"]
-
 Compensate = Callable[[ReadingsTable], tuple[NDArray[np.float64], ...]]
 """Function from readings to torque, additional torque and expanded uncertainty, all in N·m."""
 

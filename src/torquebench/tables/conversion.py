@@ -13,15 +13,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.tables.units import SIGNALS, STANDARD_GRAVITY, Unit, unit_named
 
-__all__ = [
-    "TORQUE_ONLY",
-    "Conversion",
-    "MissingSensitivityError",
-    "Sensitivity",
-    "arm_m",
-    "gravity_m_s2",
-]
-
 FloatArray = NDArray[np.float64]
 TORQUE_ONLY = ("force", "mass", *SIGNALS)
 """Kinds of quantities that become a torque only by a conversion."""

@@ -20,8 +20,6 @@ from torquebench.message import Message
 from torquebench.tables.units import unit_named
 from torquebench.uncertainty import CertifiedUncertainty
 
-__all__ = ["DccQuantity", "DigitalCertificate", "is_dcc", "parse_dcc", "read_dcc"]
-
 FloatArray = NDArray[np.float64]
 Element = ElementTree.Element
 NAMESPACE = b"https://ptb.de/dcc"

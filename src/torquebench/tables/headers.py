@@ -23,18 +23,6 @@ from torquebench.tables.units import BASE, SIGNALS, Unit, kinds_of, unit_named, 
 from torquebench.tables.vocabulary import matches, meanings
 from torquebench.units import TURN
 
-__all__ = [
-    "LABEL",
-    "WORD",
-    "Assigned",
-    "Kind",
-    "Understood",
-    "known_name",
-    "names_header",
-    "understand",
-    "with_unit",
-]
-
 Kind = str
 """A key of `BASE`, `LABEL` or `WORD`."""
 LABEL = "label"

@@ -27,8 +27,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.processes import limit_process
 
-__all__ = ["Limits", "Stream", "check_cells", "open_isolated"]
-
 _AT_ONCE = 2
 _TURNS = threading.BoundedSemaphore(_AT_ONCE)
 _HEADER = b"torquebench:table"

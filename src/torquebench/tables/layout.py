@@ -14,8 +14,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.tables.units import kinds_of
 
-__all__ = ["HEAD_ROWS", "Layout", "find_layout"]
-
 HEAD_ROWS = 400
 """Number of rows from the beginning of a file in which the header is searched."""
 _NUMBER = re.compile(

@@ -24,8 +24,6 @@ from torquebench.tables.headers import with_unit
 from torquebench.tables.isolated import BATCHES, Limits, check_cells, open_isolated
 from torquebench.tables.table import Table
 
-__all__ = ["LIMITS", "OpenTable", "open_table", "read_table", "table_of_arrow", "table_text"]
-
 LIMITS = Limits()
 """Limits for tables that are read as a whole."""
 _WHOLE = 1 << 16

@@ -37,24 +37,6 @@ from torquebench.units import UNIT_OF_ENDING
 
 FloatArray = NDArray[np.float64]
 
-__all__ = [
-    "ADDED_COLUMNS",
-    "READING_COLUMNS",
-    "CalibrationTable",
-    "ReadingsTable",
-    "TableColumns",
-    "calibration_csv",
-    "calibration_of",
-    "check_model",
-    "maps_one",
-    "model_conversion",
-    "read_calibration",
-    "read_calibration_table",
-    "read_empty_run",
-    "read_readings",
-    "write_calibration",
-]
-
 NUMERIC_COLUMNS = tuple(
     dict.fromkeys(
         ("reading_nm", "standard_nm", *OPTIONAL_COLUMNS, "time_s", *MEASURED, "standard_error_nm")

@@ -11,8 +11,6 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.chain import Reference
 
-__all__ = ["UNCERTAINTY", "reference_in", "reference_remarks"]
-
 UNCERTAINTY = "reference_uncertainty"
 """Comment with U (k = 2) of the standard, in the form of `CertifiedUncertainty.of_text`."""
 _NAME = "reference"

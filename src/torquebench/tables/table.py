@@ -16,8 +16,6 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["Cells", "Table", "numbers_of", "strings_of", "what_number"]
-
 Cells: TypeAlias = "list[str] | NDArray[np.float64] | pa.Array | pa.ChunkedArray"
 """Cells of a column: texts of a small text file, numbers, or an Arrow array of any type."""
 

@@ -25,16 +25,6 @@ from torquebench.units import (
     TURN,
 )
 
-__all__ = [
-    "BASE",
-    "SIGNALS",
-    "STANDARD_GRAVITY",
-    "Unit",
-    "kinds_of",
-    "unit_named",
-    "units_named",
-]
-
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of free fall, m/s² (third CGPM), for kgf, gf, lbf and ozf."""
 _POUND = 0.45359237

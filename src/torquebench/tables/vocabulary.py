@@ -13,8 +13,6 @@ import unicodedata
 from collections.abc import Mapping
 from functools import cache
 
-__all__ = ["BRANCH", "matches", "meanings"]
-
 _WORDS: Mapping[str, str] = {
     "reading": """
         reading readings read indicated indication indicator measured measurement measure meas uut

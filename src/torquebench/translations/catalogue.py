@@ -19,8 +19,6 @@ from torquebench.errors import TorquebenchError
 from torquebench.message import Message
 from torquebench.plugins import TRANSLATIONS, entry_points, load
 
-__all__ = ["has_words", "templates", "translated"]
-
 WORD = re.compile(r"[^\W\d_]{2,}")
 NOT_WORDS = re.compile(
     r"\{\w+\}|`[^`]*`|\b(Hz|N·m|Pa|arcmin|arcsec|bar|kHz|kg|min|mm|ms|ppm|rad/s²|rad|rpm|torquebench)\b"

@@ -37,8 +37,6 @@ from torquebench.twin.reducer_truth import true_no_load_nm
 from torquebench.twin.turning import LubricantName, fresh_lubrication
 from torquebench.units import HOUR, MINUTE
 
-__all__ = ["BenchTwin"]
-
 _ENCODERS = 7  # separates the draws of the encoders' certificates from all others
 _CONVERSION = {
     "free": mechanism.CONVERSION_FREE,

@@ -7,27 +7,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "CHANNELS",
-    "FAULT_KINDS",
-    "MODES",
-    "MOUNTINGS",
-    "SIDES",
-    "AngleSamples",
-    "Certificate",
-    "Channel",
-    "FaultKind",
-    "FloatArray",
-    "Mode",
-    "Mounting",
-    "Nameplate",
-    "Side",
-    "StaticSweep",
-    "TickArray",
-    "Truth",
-    "TwinBlock",
-]
-
 FloatArray = NDArray[np.float64]
 TickArray = NDArray[np.int64]
 

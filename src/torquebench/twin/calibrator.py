@@ -10,13 +10,6 @@ from torquebench.kernels import inner
 from torquebench.twin.blocks import Certificate
 from torquebench.units import TURN
 
-__all__ = [
-    "CERTIFIED_POINTS",
-    "ReferenceConstants",
-    "ReferenceParameters",
-    "reference_indication",
-]
-
 FloatArray = NDArray[np.float64]
 
 CERTIFIED_POINTS = 50  # in each direction, evenly spaced

@@ -11,15 +11,6 @@ from typing import NamedTuple
 from torquebench.kernels import inner, kernel
 from torquebench.units import TURN
 
-__all__ = [
-    "ChainConstants",
-    "additional_torque",
-    "rotation_torque",
-    "steepest_slope",
-    "transducer_torque",
-    "without_chain",
-]
-
 
 class ChainConstants(NamedTuple):
     """Constants of one module's chain; torque in N·m, relative quantities by ``range_nm``.

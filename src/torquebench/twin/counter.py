@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from torquebench.kernels import inner, kernel
 
-__all__ = ["CounterConstants", "EdgeSource", "edges_of_steps", "lagged"]
-
 FloatArray = NDArray[np.float64]
 TickArray = NDArray[np.int64]
 

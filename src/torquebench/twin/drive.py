@@ -9,16 +9,6 @@ from numpy.typing import NDArray
 from torquebench.kernels import inner
 from torquebench.units import TURN
 
-__all__ = [
-    "CONTROL_OFF",
-    "CONTROL_SPEED",
-    "CONTROL_TORQUE",
-    "DRIVE_STATES",
-    "DriveConstants",
-    "Loading",
-    "drive_torque",
-]
-
 FloatArray = NDArray[np.float64]
 
 CONTROL_OFF = 0

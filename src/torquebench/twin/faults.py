@@ -18,8 +18,6 @@ from torquebench.twin.blocks import (
     TickArray,
 )
 
-__all__ = ["Fault", "broken_counts", "broken_edges", "broken_frequency", "make_fault"]
-
 _DEFAULT_AMOUNT: dict[FaultKind, float] = {
     "silent": 0.0,
     "frozen": 0.0,

@@ -10,17 +10,6 @@ from torquebench.twin import reducer as red
 from torquebench.twin.drive import DriveConstants
 from torquebench.twin.reducer import ReducerConstants
 
-__all__ = [
-    "CONVERSION_DRIVEN",
-    "CONVERSION_FREE",
-    "CONVERSION_LOCKED",
-    "FLANGE_COUPLED",
-    "FLANGE_HELD",
-    "FLANGE_LOOSE",
-    "SHAFT_STATES",
-    "move",
-]
-
 FloatArray = NDArray[np.float64]
 
 CONVERSION_FREE = 0

@@ -22,9 +22,6 @@ from torquebench.twin.transducer import TransducerConstants
 from torquebench.twin.turning import TurningConstants, draw_turning
 from torquebench.units import ARCSEC, TURN
 
-__all__ = ["EncoderConstants", "SideParameters", "TwinParameters"]
-
-
 _TURNING = 11  # separates the draws of rotation effects from all others
 
 

@@ -15,8 +15,6 @@ from torquebench.twin.thermal import ThermalConstants
 from torquebench.twin.transducer import TransducerConstants
 from torquebench.units import RAD_S_PER_RPM, TURN
 
-__all__ = ["BANDWIDTH", "DESIGNS", "WEAR", "Preset", "SideDesign"]
-
 Preset = Literal["nominal", "worn"]
 
 

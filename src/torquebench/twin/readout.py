@@ -30,8 +30,6 @@ from torquebench.twin.transducer import (
 from torquebench.twin.turning import TurningConstants
 from torquebench.units import TURN
 
-__all__ = ["encoder_samples", "nameplate", "new_sources", "side_of", "static_sweep"]
-
 
 def side_of(channel: str) -> Side:
     """Return the side to which a channel belongs."""

@@ -8,17 +8,6 @@ from numpy.typing import NDArray
 
 from torquebench.kernels import inner, kernel
 
-__all__ = [
-    "REDUCER_STATES",
-    "ReducerConstants",
-    "friction_level",
-    "reducer_friction",
-    "reducer_torque",
-    "spring_torque",
-    "temperature_factors",
-    "transmission_error",
-]
-
 FloatArray = NDArray[np.float64]
 
 # Indices of the reducer's state array.

@@ -7,8 +7,6 @@ from torquebench.twin import reducer as red
 from torquebench.twin.reducer import ReducerConstants
 from torquebench.units import RAD_S_PER_RPM
 
-__all__ = ["input_torque_nm", "true_no_load_nm"]
-
 FloatArray = NDArray[np.float64]
 
 

@@ -9,8 +9,6 @@ from torquebench.message import Message
 from torquebench.twin.reducer import ReducerConstants
 from torquebench.units import ARCMIN, ARCSEC, TURN
 
-__all__ = ["REDUCERS", "ReducerName", "draw_reducer"]
-
 ReducerName = Literal["standard", "rv-40e", "harmonic-20"]
 
 

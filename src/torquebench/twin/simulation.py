@@ -16,19 +16,6 @@ from torquebench.twin import drive as drv
 from torquebench.twin import reducer as red
 from torquebench.units import HOUR
 
-__all__ = [
-    "STEP_S",
-    "Constants",
-    "Orders",
-    "Recording",
-    "State",
-    "fresh_state",
-    "obey",
-    "record",
-    "simulate",
-    "sweep",
-]
-
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 

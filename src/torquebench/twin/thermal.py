@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 from torquebench.kernels import inner
 from torquebench.units import TURN
 
-__all__ = ["CLIMATE", "PLACES", "ThermalConstants", "hall_c", "warm"]
-
 FloatArray = NDArray[np.float64]
 
 PLACES = ("ambient", "input_transducer", "output_transducer", "reducer", "calibrator")

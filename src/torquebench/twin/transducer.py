@@ -12,16 +12,6 @@ from numpy.typing import NDArray
 
 from torquebench.kernels import inner
 
-__all__ = [
-    "NOISES",
-    "REFERENCE_TEMPERATURE_C",
-    "TRANSDUCER_STATES",
-    "TransducerConstants",
-    "fresh_transducer_state",
-    "transducer_frequency",
-    "transducer_signal",
-]
-
 FloatArray = NDArray[np.float64]
 
 REFERENCE_TEMPERATURE_C = 23.0

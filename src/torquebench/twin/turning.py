@@ -14,19 +14,6 @@ from torquebench.kernels import inner
 from torquebench.message import Message
 from torquebench.units import RAD_S_PER_RPM
 
-__all__ = [
-    "HOURS",
-    "LUBRICANTS",
-    "SEASONED_H",
-    "LubricantName",
-    "TurningConstants",
-    "drag",
-    "draw_turning",
-    "fresh_lubrication",
-    "signal_shift",
-    "thickness",
-]
-
 FloatArray = NDArray[np.float64]
 
 LubricantName = Literal["grease", "thin-grease", "oil"]

@@ -14,15 +14,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.uncertainty.distributions import HALF_WIDTH_FACTOR, Distribution
 
-__all__ = [
-    "COVERAGE_PROBABILITY",
-    "Budget",
-    "BudgetLine",
-    "Shared",
-    "coverage_factor",
-    "welch_satterthwaite",
-]
-
 COVERAGE_PROBABILITY = erf(sqrt(2.0))
 """Coverage probability of k = 2 for a normal distribution: 95.45 %."""
 

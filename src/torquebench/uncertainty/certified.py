@@ -13,8 +13,6 @@ from torquebench.elementwise import Values, functions_for, located, on_lines
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["CertifiedUncertainty"]
-
 FloatArray = NDArray[np.float64]
 
 FROM_SHARE = 0.02

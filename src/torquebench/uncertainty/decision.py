@@ -14,8 +14,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.uncertainty.budget import COVERAGE_PROBABILITY, coverage_factor
 
-__all__ = ["Decision", "Tolerance", "Verdict", "conformance_probability", "decide"]
-
 
 class Verdict(StrEnum):
     """Non-binary statement of conformity with a guard band (ILAC-G8:09/2019, 4.2.3).

@@ -9,8 +9,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.units import TURN
 
-__all__ = ["HALF_WIDTH_FACTOR", "Distribution", "sample"]
-
 
 class Distribution(StrEnum):
     """Probability distribution of a quantity (JCGM 101:2008, clause 6.4).

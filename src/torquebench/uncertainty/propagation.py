@@ -11,15 +11,6 @@ from torquebench.message import Message
 from torquebench.uncertainty.budget import COVERAGE_PROBABILITY, Budget
 from torquebench.uncertainty.distributions import sample
 
-__all__ = [
-    "MonteCarloResult",
-    "Validation",
-    "check_by_monte_carlo",
-    "coverage_interval",
-    "monte_carlo",
-    "numerical_tolerance",
-]
-
 
 @dataclass(frozen=True)
 class MonteCarloResult:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from math import isfinite
 
-__all__ = ["rounded", "stated"]
-
 
 def rounded(uncertainty: float) -> tuple[float, int]:
     """Round an uncertainty to two significant digits; return it with its number of decimals.

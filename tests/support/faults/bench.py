@@ -10,15 +10,10 @@ from typing import Any, cast
 import numpy as np
 from tests.support.faults.procedures import Procedure
 
-from torquebench.bench.drivers.base import (
-    Block,
-    Drive,
-    DriverSet,
-    DriveState,
-    Side,
-    Temperature,
-)
+from torquebench.bench.blocks import Block
+from torquebench.bench.drivers.base import Drive, DriverSet, DriveState, Temperature
 from torquebench.bench.drivers.simulated.driver import SimulatedBench
+from torquebench.bench.roles import Side
 from torquebench.errors import BenchError
 from torquebench.units import RAD_S_PER_RPM
 

@@ -15,7 +15,8 @@ from typing import Any, Literal
 import numpy as np
 from tests.support.faults.procedures import REDUCER
 
-from torquebench.bench.audit.entries import AUDIT_FILE, read_audit
+from torquebench.bench.audit.chain import AUDIT_FILE
+from torquebench.bench.audit.entries import read_audit
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.safety import Alarm, AlarmKind
 from torquebench.campaign.reducers.quantities import ReducerTestQuantity

@@ -35,7 +35,7 @@ from tests.support.faults.procedures import PROCEDURES, Procedure
 from tests.support.faults.served import Served, moves, served
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.roles import Side
 from torquebench.bench.safety import Alarm
 from torquebench.campaign.reducers.results import ReducerTestRecord
 from torquebench.errors import BenchError

@@ -37,8 +37,8 @@ import torquebench.cli
 import torquebench.reports.certificate
 from torquebench.bench.description import default_bench
 from torquebench.bench.drivers import open_drivers
-from torquebench.bench.drivers.base import Side
 from torquebench.bench.drivers.simulated.driver import SimulatedBench
+from torquebench.bench.roles import Side
 from torquebench.campaign.fitting import feature_columns
 from torquebench.compensation import features, load_model
 from torquebench.errors import TorquebenchError

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.roles import Side
 from torquebench.calibration import Profile, load_profile
 from torquebench.campaign.reducers.settings import ReducerTestSettings, reducer_limits
 from torquebench.campaign.reducers.tests import rehearse_reducer_test, run_reducer_test

@@ -35,7 +35,7 @@ from tests.support.faults.procedures import PROCEDURES, Procedure
 
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers import open_drivers
-from torquebench.bench.drivers.base import SIDES
+from torquebench.bench.roles import SIDES
 from torquebench.bench.safety import Alarm
 from torquebench.campaign.reducers.results import ReducerTestRecord
 from torquebench.errors import RecordError, TorquebenchError

@@ -9,7 +9,7 @@ import pytest
 from torquebench.bench import acquisition
 from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.blocks import CONDITIONS, Block
-from torquebench.bench.drivers.base import CHANNELS
+from torquebench.bench.roles import CHANNELS
 from torquebench.chain import MeasuringChain, Temperature, Zero
 from torquebench.compensation import features, make_model
 from torquebench.errors import BenchError, SignalFault

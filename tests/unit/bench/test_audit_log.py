@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from torquebench.bench.audit.chain import AuditCheck, audit_end, check_audit
-from torquebench.bench.audit.entries import AUDIT_FILE, AuditLog, read_audit
+from torquebench.bench.audit.chain import AUDIT_FILE, AuditCheck, audit_end, check_audit
+from torquebench.bench.audit.entries import AuditLog, read_audit
 from torquebench.bench.audit.writing import AuditedDrive
 from torquebench.bench.drivers.base import DriveState
 from torquebench.bench.safety.alarms import Alarm, AlarmKind

@@ -2,8 +2,9 @@ import threading
 
 import pytest
 
-from torquebench.bench.drivers.base import OperatorPrompts, Seating
+from torquebench.bench.drivers.base import OperatorPrompts
 from torquebench.bench.prompts import PromptQueue, QueuedOperator
+from torquebench.bench.roles import Seating
 from torquebench.errors import InterlockError
 
 

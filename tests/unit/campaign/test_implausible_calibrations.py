@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from torquebench import cli
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.roles import Side
 from torquebench.calibration import CalibrationData, load_profile
 from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
 from torquebench.campaign.fitting import ModelChoice, fit_models, fit_table

@@ -5,9 +5,10 @@ from pathlib import Path
 import pytest
 
 from torquebench.bench.description import BenchDescription, default_bench
+from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.campaign.reducers.results import budget_from_plain
 from torquebench.campaign.reducers.settings import ReducerTestSettings
-from torquebench.campaign.reducers.tests import TESTS, rehearse_reducer_test, run_reducer_test
+from torquebench.campaign.reducers.tests import rehearse_reducer_test, run_reducer_test
 from torquebench.errors import InputError
 from torquebench.records import RunFolder
 from torquebench.reducers import load_reducer

@@ -15,7 +15,7 @@ import torquebench
 from torquebench.bench.safety import AlarmKind
 from torquebench.calibration import load_profile
 from torquebench.campaign.fitting import model_title
-from torquebench.campaign.reducers.tests import TESTS
+from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.compensation import MODELS
 from torquebench.errors import InputError
 from torquebench.message import Message

@@ -13,10 +13,11 @@ from torquebench.bench.description import StandardDescription, default_bench
 from torquebench.bench.drivers.simulated import driver
 from torquebench.bench.drivers.simulated.readout import SimulatedReadout
 from torquebench.bench.roles import SIDES, Seating
+from torquebench.bench.safety.limits import StepLimits
 from torquebench.calibration import Step, load_profile
 from torquebench.errors import InputError, InterlockError, LimitError
 from torquebench.procedures import calibrate, friction_sweep, rehearse, verify
-from torquebench.procedures.guarding import StepLimits, guarded
+from torquebench.procedures.guarding import guarded
 from torquebench.procedures.reducers.friction import FrictionSettings
 from torquebench.procedures.reducers.loop import hysteresis_loops
 from torquebench.procedures.reducers.setup import ReducerLimits

@@ -27,8 +27,9 @@ from torquebench.records.registry.entries import (
     facts,
     metadata,
 )
-from torquebench.records.registry.migrating import SCHEMA_VERSION, upgrade
+from torquebench.records.registry.migrating import upgrade
 from torquebench.records.registry.migrations import versions
+from torquebench.records.registry.schema_version import SCHEMA_VERSION
 
 START = datetime(2025, 1, 31, 12, 0, tzinfo=UTC)
 

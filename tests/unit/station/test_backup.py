@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 from tests.unit.station.data_directories import filled_directory
 
-from torquebench.bench.audit.entries import AUDIT_FILE, AUDIT_FOLDER
+from torquebench.bench.audit.chain import AUDIT_FILE
+from torquebench.bench.audit.entries import AUDIT_FOLDER
 from torquebench.errors import InputError, RecordError
 from torquebench.records import Equipment, Registry, RunFolder
 from torquebench.records.registry.database import REGISTRY_FILE

@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 from tests.unit.station.data_directories import filled_directory
 
-from torquebench.bench.audit.entries import AUDIT_FILE, AUDIT_FOLDER, AuditLog
+from torquebench.bench.audit.chain import AUDIT_FILE
+from torquebench.bench.audit.entries import AUDIT_FOLDER, AuditLog
 from torquebench.errors import RecordError
 from torquebench.records import Registry, Report, RunFolder, RunSummary
 from torquebench.records.registry.database import REGISTRY_FILE

@@ -9,18 +9,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-__all__ = [
-    "AUDIT_FILE",
-    "DROPPED",
-    "AuditCheck",
-    "AuditEnd",
-    "audit_end",
-    "chained",
-    "check_audit",
-    "files_aside",
-    "last_end",
-]
-
 AUDIT_FILE = "audit.jsonl"
 """Name of the log in its folder, and of a run's part of the log in the run's folder."""
 DROPPED = "old log dropped"

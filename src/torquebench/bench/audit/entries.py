@@ -33,8 +33,6 @@ from torquebench.bench.audit.chain import (
 )
 from torquebench.message import Message
 
-__all__ = ["AUDIT_FILE", "AUDIT_FOLDER", "AuditLog", "read_audit"]
-
 AUDIT_FOLDER = "audit"
 """Folder of the log in a data directory."""
 LARGEST_BYTES = 8_000_000

@@ -20,23 +20,12 @@ from torquebench.bench.drivers.base import (
     DriveState,
     GuideRail,
     Identity,
-    Mode,
     ModeConverter,
-    RailPosition,
-    Side,
 )
+from torquebench.bench.roles import Mode, RailPosition, Side
 from torquebench.bench.safety.alarms import Alarm
 from torquebench.errors import InterlockError
 from torquebench.message import Message
-
-__all__ = [
-    "AuditedClamp",
-    "AuditedDrive",
-    "AuditedModes",
-    "AuditedRail",
-    "CommandGate",
-    "audited",
-]
 
 Commander = Literal["procedure", "supervisor", "doctor"]
 

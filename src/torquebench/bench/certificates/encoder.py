@@ -18,8 +18,6 @@ from torquebench.units import TURN
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
 
-__all__ = ["EncoderCertificate", "encoder_certificates", "read_encoder_certificate"]
-
 LEAST_POINTS = 8
 _QUANTITIES = ("angle", "error", "expanded_uncertainty")
 

@@ -15,8 +15,6 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.tables import Table, Understood
 
-__all__ = ["check_columns", "read_columns"]
-
 
 def check_columns(kind: str, least: int, *columns: NDArray[np.float64]) -> None:
     """Refuse columns of a certificate that have too few points or values that aren't finite.

@@ -17,8 +17,6 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.uncertainty import CertifiedUncertainty
 
-__all__ = ["ReferenceCertificate", "read_certificate", "read_uncertainty"]
-
 _QUANTITIES = ("torque", "error", "expanded_uncertainty")
 
 

@@ -19,8 +19,6 @@ from torquebench.bench.devices.sensors import Encoder, Reference, TemperaturePro
 from torquebench.bench.devices.steady import SteadyTorque
 from torquebench.bench.roles import Side
 
-__all__ = ["BenchDevices", "Module"]
-
 
 class Module(Device):
     """One side of the bench: drive, mode conversion, transducer, encoder, steady torque."""

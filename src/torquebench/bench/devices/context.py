@@ -18,8 +18,6 @@ from torquebench.bench.state import CommandState
 from torquebench.errors import BenchError
 from torquebench.message import Message
 
-__all__ = ["BenchContext"]
-
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 

@@ -8,8 +8,6 @@ from event_model import DataKey
 
 from torquebench.columns import column_of
 
-__all__ = ["data_key"]
-
 _TYPES = {bool: "boolean", int: "integer", float: "number"}
 
 

@@ -24,8 +24,6 @@ from torquebench.errors import InputError, LimitError
 from torquebench.message import Message
 from torquebench.units import RPM_PER_RAD_S
 
-__all__ = ["DriveAxis", "DriveDevice", "DriveSwitch", "RampTo", "slice_s"]
-
 SHORTEST_SLICE_S = 0.1
 """Shortest slice of a ramp, s: half of it remains for the next command to arrive."""
 SLICE_SHARE = 0.1

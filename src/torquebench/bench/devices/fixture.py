@@ -20,8 +20,6 @@ from torquebench.bench.interlocks import (
 )
 from torquebench.bench.roles import Mode, Mounting, RailPosition, Seating, Side
 
-__all__ = ["ClampDevice", "GuideRailDevice", "ModeDevice", "MountingDevice", "SeatDevice"]
-
 
 class ModeDevice(StandardReadable):
     """Test mode of one side: `set("free" | "driven" | "locked")`; only without load."""

@@ -11,8 +11,6 @@ from ophyd_async.core import AsyncReadable, AsyncStatus, Device
 
 from torquebench.bench.devices.data_keys import data_key
 
-__all__ = ["Point", "PointLabel"]
-
 
 @dataclass(frozen=True)
 class Point:

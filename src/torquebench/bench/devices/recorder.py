@@ -23,8 +23,6 @@ from torquebench.message import Message
 from torquebench.signals import Record
 from torquebench.units import DEG_PER_RAD, MS_PER_S, RAD_S_PER_RPM
 
-__all__ = ["Recorder", "SynchronousRecording"]
-
 FloatArray = NDArray[np.float64]
 
 _LARGEST_JUMP_RAD: dict[Side, float] = {"input": 5e-3, "output": 5e-4}

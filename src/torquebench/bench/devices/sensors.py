@@ -16,8 +16,6 @@ from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.interlocks import standard_serial
 from torquebench.bench.roles import Side, reference_channel, torque_channel
 
-__all__ = ["Encoder", "MeasuredZero", "Reference", "TemperatureProbes", "Transducer", "Zero"]
-
 
 class MeasuredZero(NamedTuple):
     """Signal of an unloaded transducer, and the standard uncertainty of this zero, N·m."""

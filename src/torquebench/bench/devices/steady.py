@@ -24,8 +24,6 @@ from torquebench.message import Message
 from torquebench.signals import Record, SteadyValue, steady_value
 from torquebench.units import RPM_PER_RAD_S
 
-__all__ = ["SteadySettings", "SteadyTorque", "signal_of"]
-
 FloatArray = NDArray[np.float64]
 
 LEAST_WINDOWS = 8

@@ -15,8 +15,6 @@ from torquebench.errors import BenchError
 from torquebench.message import Message
 from torquebench.units import MS_PER_S
 
-__all__ = ["PLUGIN", "AdsLink"]
-
 CYCLES = "TwinCAT_SystemInfoVarList._TaskInfo[1].CycleCount"
 """TwinCAT's own counter of the first task's cycles."""
 NO_SYMBOL, NO_SUCH_TYPE = 1808, 1809

@@ -12,7 +12,8 @@ from typing import Annotated, Any, Literal, Protocol
 import numpy as np
 from pydantic import Field
 
-from torquebench.bench.drivers.base import Block, Identity
+from torquebench.bench.blocks import Block
+from torquebench.bench.drivers.base import Identity
 from torquebench.bench.drivers.counters import DescribedCounter
 from torquebench.bench.drivers.links import TimeOut
 from torquebench.bench.drivers.plugins import InstrumentRequest, Options
@@ -21,16 +22,6 @@ from torquebench.bench.roles import SIDES, Side, reference_channel
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.signals import Record
-
-__all__ = [
-    "Amplifier",
-    "AmplifierCounter",
-    "AmplifierOptions",
-    "AmplifierReadout",
-    "ChannelName",
-    "answer_s",
-    "opened",
-]
 
 ChannelName = Literal["input_torque", "output_torque", "input_reference", "output_reference"]
 SHORTEST_ANSWER_S = 0.05

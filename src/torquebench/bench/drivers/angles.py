@@ -9,13 +9,12 @@ from typing import Protocol
 
 import numpy as np
 
-from torquebench.bench.drivers.base import Block, CounterCard, Drive, Identity, Positioned
+from torquebench.bench.blocks import Block
+from torquebench.bench.drivers.base import CounterCard, Drive, Identity, Positioned
 from torquebench.bench.roles import SIDES, Side, angle_channel
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.signals import Record
-
-__all__ = ["AngleSource", "CounterWithAngles", "DriveAngles", "unwrapped", "with_angles"]
 
 POLLS = 2
 """Number of polls in a block, one at the end of each part: the fewest that give a speed."""

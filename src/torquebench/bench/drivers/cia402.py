@@ -16,7 +16,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import ConfigDict, Field
 
-from torquebench.bench.drivers.base import DriveLimits, DriveState, Identity, Side
+from torquebench.bench.drivers.base import DriveLimits, DriveState, Identity
 from torquebench.bench.drivers.links import (
     LONGEST_TIME_OUT_S,
     Link,
@@ -33,11 +33,10 @@ from torquebench.bench.drivers.plugins import (
     require_library,
 )
 from torquebench.bench.drivers.stepping import Stepper
+from torquebench.bench.roles import Side
 from torquebench.errors import BenchError
 from torquebench.message import Message
 from torquebench.units import MS_PER_S, RPM_PER_RAD_S
-
-__all__ = ["PLUGIN", "CanopenLink", "Cia402Drive", "load_dictionary"]
 
 CONTROLWORD, STATUSWORD, ERROR_CODE = 0x6040, 0x6041, 0x603F
 MODE, MODE_DISPLAY = 0x6060, 0x6061

@@ -15,8 +15,6 @@ from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.signals import Record, SignalFaultKind
 
-__all__ = ["DescribedCounter", "LibraryCounter", "counted"]
-
 Result = TypeVar("Result")
 LONGEST_TEXT = 1000
 """Vendors' messages end with their code and task."""

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from torquebench.bench.blocks import Block
 from torquebench.bench.description import BenchDescription, TransducerDescription
-from torquebench.bench.drivers.base import Block, Identity, Side
+from torquebench.bench.drivers.base import Identity
 from torquebench.bench.drivers.counters import LibraryCounter
 from torquebench.bench.drivers.links import Address, TimeOut
 from torquebench.bench.drivers.plugins import (
@@ -30,13 +31,11 @@ from torquebench.bench.drivers.plugins import (
     Options,
     require_library,
 )
-from torquebench.bench.roles import SIDES, angle_channel, torque_channel
+from torquebench.bench.roles import SIDES, Side, angle_channel, torque_channel
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.signals import EdgeBlock, Record
 from torquebench.validation import ConflictError
-
-__all__ = ["PLUGIN", "DaqmxCounter", "DaqmxOptions"]
 
 BUFFER_S = 20.0
 """Duration of the counter's buffer, s: a computer that stalls for a shorter time loses nothing."""

@@ -6,12 +6,11 @@ import time
 from collections.abc import Callable, Mapping
 from typing import ClassVar, Protocol
 
-from torquebench.bench.drivers.base import Identity, Mode, RailPosition, Side
+from torquebench.bench.drivers.base import Identity
 from torquebench.bench.drivers.modbus.register_map import Coil, Contact
+from torquebench.bench.roles import Mode, RailPosition, Side
 from torquebench.errors import BenchError
 from torquebench.message import Message
-
-__all__ = ["Fixture", "FixtureClamp", "FixtureModes", "FixtureRail", "FixtureSupply"]
 
 POLL_S = 0.05
 

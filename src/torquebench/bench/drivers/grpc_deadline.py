@@ -7,8 +7,6 @@ from typing import Any, NamedTuple
 
 import grpc
 
-__all__ = ["Deadline"]
-
 
 class _Details(NamedTuple):
     method: str

@@ -20,8 +20,6 @@ from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
 from torquebench.errors import BenchError
 from torquebench.message import Message
 
-__all__ = ["PLUGIN", "HbmAmplifier"]
-
 REMOTE, LOCAL = b"\x12", b"\x01"
 """Control characters that begin and end remote control on RS-232."""
 MOST_LEFT_OVER = 1000

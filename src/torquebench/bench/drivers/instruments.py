@@ -49,15 +49,6 @@ from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.validation import validated
 
-__all__ = [
-    "ROLES",
-    "GearedDrive",
-    "InstrumentsOptions",
-    "SimulationOptions",
-    "open_instruments",
-    "open_role",
-]
-
 _ROLES: dict[str, tuple[Role, Side | None]] = {
     "counter": ("counter", None),
     "angles": ("angles", None),

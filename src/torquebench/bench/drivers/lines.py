@@ -13,8 +13,6 @@ from torquebench.bench.drivers.plugins import Options, require_library
 from torquebench.bench.drivers.recording import note, recording
 from torquebench.message import Message
 
-__all__ = ["LineConnection", "LineLink", "LineOptions", "SerialLines", "SerialRate", "SocketLines"]
-
 LONGEST_ANSWER = 16_000_000
 SerialRate = Annotated[int, Field(ge=300, le=4_000_000, description="baud")]
 

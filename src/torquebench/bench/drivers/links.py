@@ -19,19 +19,6 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.bench.drivers.base import Drive
 
-__all__ = [
-    "LONGEST_TIME_OUT_S",
-    "Address",
-    "Link",
-    "SwitchingTime",
-    "TimeOut",
-    "WireError",
-    "check_drive_order",
-    "drive_timeout",
-    "split_address",
-    "wait_until_enabled",
-]
-
 Connection = TypeVar("Connection")
 Result = TypeVar("Result")
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from torquebench.bench.drivers.base import DriveLimits, DriveState, Identity, Side
+from torquebench.bench.drivers.base import DriveLimits, DriveState, Identity
 from torquebench.bench.drivers.lines import LineConnection, LineLink, LineOptions
 from torquebench.bench.drivers.links import (
     SwitchingTime,
@@ -25,11 +25,10 @@ from torquebench.bench.drivers.links import (
 )
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest, require_library
 from torquebench.bench.drivers.stepping import Stepper
+from torquebench.bench.roles import Side
 from torquebench.errors import BenchError
 from torquebench.message import Message
 from torquebench.units import RAD_S_PER_RPM, TURN
-
-__all__ = ["COUNTS_PER_TURN", "PLUGIN", "MoteusDrive"]
 
 COUNTS_PER_TURN = 100_000
 """Resolution of the position register, counts per turn of the motor."""

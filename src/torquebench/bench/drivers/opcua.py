@@ -23,8 +23,6 @@ from torquebench.bench.drivers.plugins import (
 from torquebench.errors import BenchError
 from torquebench.message import Message
 
-__all__ = ["PLUGIN", "OpcUaProbes", "OpcUaServer"]
-
 BUILD_INFO = ("i=2263", "i=2261", "i=2264")
 """Nodes of manufacturer, product and version of every server (OPC 10000-5)."""
 ANSWER_S = 2.0

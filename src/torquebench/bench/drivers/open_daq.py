@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from torquebench.bench.blocks import Block
 from torquebench.bench.description import CounterDescription
-from torquebench.bench.drivers.base import Block, Identity
+from torquebench.bench.drivers.base import Identity
 from torquebench.bench.drivers.counters import LibraryCounter, counted
 from torquebench.bench.drivers.links import TimeOut
 from torquebench.bench.drivers.plugins import (
@@ -30,8 +31,6 @@ from torquebench.bench.drivers.plugins import (
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.units import MS_PER_S
-
-__all__ = ["PLUGIN", "OpenDaqCounter", "OpenDaqOptions"]
 
 SHORTEST_POLL_MS = 20
 HERTZ = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}

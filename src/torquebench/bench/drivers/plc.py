@@ -19,7 +19,7 @@ from pydantic import Field
 
 from torquebench.bench.drivers.amplifiers import AmplifierOptions, ChannelName, answer_s, opened
 from torquebench.bench.drivers.angles import unwrapped
-from torquebench.bench.drivers.base import DriveLimits, DriveState, Identity, Side
+from torquebench.bench.drivers.base import DriveLimits, DriveState, Identity
 from torquebench.bench.drivers.fixture import FixtureClamp, FixtureModes, FixtureRail, FixtureSupply
 from torquebench.bench.drivers.links import (
     Link,
@@ -31,11 +31,9 @@ from torquebench.bench.drivers.links import (
 )
 from torquebench.bench.drivers.modbus.register_map import Coil, Contact
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest, Options, Role
-from torquebench.bench.roles import SIDES
+from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import BenchError
 from torquebench.message import Message
-
-__all__ = ["COMMAND", "FIXTURE", "REPORT", "PlcLink", "PlcOptions", "plc_plugin"]
 
 COMMAND = {
     "Control": "INT",

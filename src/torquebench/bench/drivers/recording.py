@@ -18,8 +18,6 @@ from typing import Any, TextIO
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["note", "recorded", "recording"]
-
 LONGEST_TEXT = 2000
 
 

@@ -16,8 +16,6 @@ from torquebench.bench.drivers.plugins import require_library
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["PLUGIN", "S7Link"]
-
 PATTERN = r"^DB(\d+)\.(INT|DINT|REAL|LREAL)(\d+)$"
 FORMATS = {"INT": ">h", "DINT": ">i", "REAL": ">f", "LREAL": ">d"}
 MOST_BYTES = 200

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from torquebench.signals import Record
 
-__all__ = ["SampleClock"]
-
 LARGEST_DRIFT = 2e-4
 """Largest relative deviation of the instrument's clock from the counter's."""
 SETTLED_BY = 5

@@ -17,8 +17,6 @@ from torquebench.bench.drivers.links import WireError
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
 from torquebench.message import Message
 
-__all__ = ["PLUGIN", "SerialDisplays"]
-
 
 def _pattern(text: str) -> str:
     try:

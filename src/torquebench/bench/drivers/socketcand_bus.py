@@ -13,8 +13,6 @@ from collections import deque
 
 import can
 
-__all__ = ["SocketcandBus"]
-
 LONGEST_FRAME = 200
 
 

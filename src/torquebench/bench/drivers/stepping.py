@@ -9,8 +9,6 @@ from collections.abc import Callable
 
 from torquebench.errors import BenchError
 
-__all__ = ["Stepper"]
-
 PERIOD_S = 0.01
 LONGEST_STEP_S = 0.02
 """A computer that stood for longer continues its ramp later, instead of jumping ahead."""

@@ -18,17 +18,6 @@ from torquebench.errors import (
 )
 from torquebench.message import Message
 
-__all__ = [
-    "ALARM_CATALOGUE",
-    "Alarm",
-    "AlarmBook",
-    "AlarmEntry",
-    "AlarmKind",
-    "AlarmLevel",
-    "RaisedAlarm",
-    "Violation",
-]
-
 
 class AlarmKind(Enum):
     """Kind of an alarm: what is wrong."""

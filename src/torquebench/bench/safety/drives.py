@@ -18,8 +18,6 @@ from torquebench.bench.safety.alarms import AlarmKind, Violation
 from torquebench.bench.safety.priority import prefer_this_thread
 from torquebench.message import Message
 
-__all__ = ["DriveWorker", "unreachable"]
-
 Order = Callable[[], None]
 Answer = Callable[[bool], None]
 SHORTEST_SILENCE_S = 0.005

@@ -23,8 +23,6 @@ from torquebench.bench.state import CommandState, Quantity, SetPoint
 from torquebench.message import Message
 from torquebench.units import RPM_PER_RAD_S
 
-__all__ = ["FollowingJudge"]
-
 DEVIATING_S = 0.1
 """Longest time for which a drive may be outside its band, s of bench time; at least one block."""
 

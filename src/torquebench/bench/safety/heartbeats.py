@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from torquebench.bench.safety.alarms import AlarmKind, Violation
 from torquebench.message import Message
 
-__all__ = ["Heartbeats"]
-
 OPERATOR = "operator"
 
 

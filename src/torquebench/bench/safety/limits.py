@@ -12,8 +12,6 @@ from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import SIDES, Side
 from torquebench.bench.safety.alarms import AlarmLevel
 
-__all__ = ["LimitBook", "SideLimits", "StepLimits", "Watch", "tightened"]
-
 
 @dataclass(frozen=True)
 class StepLimits:

@@ -22,15 +22,6 @@ from enum import IntEnum
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = [
-    "PRIORITY",
-    "Priority",
-    "available_priority",
-    "collecting_later",
-    "lift_process",
-    "prefer_this_thread",
-]
-
 PRIORITY = "TORQUEBENCH_PRIORITY"
 """Environment variable: `best` (default) requests the highest priority, `usual` none."""
 BEST, USUAL = "best", "usual"

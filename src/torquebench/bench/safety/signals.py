@@ -25,8 +25,6 @@ from torquebench.message import Message
 from torquebench.signals import EdgeBlock, Record, SignalFaultKind
 from torquebench.units import DEG_PER_TURN, MINUTE, RPM_PER_RAD_S
 
-__all__ = ["Change", "FastCheck", "SignalJudge"]
-
 TEMPERATURE_WARNING_K = 5.0
 TEMPERATURE_HYSTERESIS_K = 1.0
 FEW_EDGES = 8

@@ -22,18 +22,6 @@ from torquebench.bench.safety.drives import DriveWorker
 from torquebench.bench.state import CommandState
 from torquebench.message import Message
 
-__all__ = [
-    "FAST_PATIENCE",
-    "GOING_OFF_S",
-    "PRESS_STOP",
-    "Deadline",
-    "ReadBack",
-    "Remaining",
-    "Stage",
-    "StopSequence",
-    "remaining_in_words",
-]
-
 PRESS_STOP = (
     "press the emergency stop and keep away from the bench; then find out why the drive doesn't "
     "go off"

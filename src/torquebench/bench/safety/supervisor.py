@@ -31,7 +31,7 @@ from torquebench.bench.safety.alarms import (
 )
 from torquebench.bench.safety.drives import DriveWorker, unreachable
 from torquebench.bench.safety.heartbeats import Heartbeats
-from torquebench.bench.safety.limits import LimitBook, StepLimits
+from torquebench.bench.safety.limits import LimitBook
 from torquebench.bench.safety.priority import lift_process, prefer_this_thread
 from torquebench.bench.safety.signals import Change, FastCheck, SignalJudge
 from torquebench.bench.safety.stopping import (
@@ -46,15 +46,6 @@ from torquebench.bench.safety.stopping import (
 from torquebench.bench.state import CommandState
 from torquebench.errors import InterlockError
 from torquebench.message import Message
-
-__all__ = [
-    "Alarm",
-    "AlarmKind",
-    "AlarmLevel",
-    "RaisedAlarm",
-    "SafetySupervisor",
-    "StepLimits",
-]
 
 logger = logging.getLogger(__name__)
 

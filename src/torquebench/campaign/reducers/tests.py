@@ -10,7 +10,7 @@ from typing import Any, Unpack
 from torquebench import __version__
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.measuring import RunAbortedError, RunOptions
-from torquebench.campaign.reducers.catalogue import TESTS, ReducerTest, chosen_tests
+from torquebench.campaign.reducers.catalogue import TESTS, chosen_tests
 from torquebench.campaign.reducers.preparation import preparations
 from torquebench.campaign.reducers.results import (
     ReducerTestFailure,
@@ -27,8 +27,6 @@ from torquebench.records.signatures import operator_name
 from torquebench.reducers import ReducerDescription
 from torquebench.station import Station
 from torquebench.units import RPM_PER_RAD_S
-
-__all__ = ["TESTS", "ReducerTest", "rehearse_reducer_test", "run_reducer_test"]
 
 
 def rehearse_reducer_test(

@@ -10,13 +10,11 @@ import numpy as np
 
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import Readings
-from torquebench.chain.torque import NOISE, Component, Shared
+from torquebench.chain.torque import NOISE, Component
 from torquebench.elementwise import Values, elementwise
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.uncertainty import Distribution
-
-__all__ = ["Counter", "Timebase"]
+from torquebench.uncertainty import Distribution, Shared
 
 
 @register("counter")

@@ -8,11 +8,9 @@ from typing import ClassVar
 
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import Readings
-from torquebench.chain.torque import Component, Shared
+from torquebench.chain.torque import Component
 from torquebench.elementwise import Values
-from torquebench.uncertainty import Distribution
-
-__all__ = ["Creep"]
+from torquebench.uncertainty import Distribution, Shared
 
 
 @register("creep")

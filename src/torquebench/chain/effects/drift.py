@@ -8,12 +8,10 @@ from typing import ClassVar
 
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import Readings
-from torquebench.chain.torque import Component, Shared
+from torquebench.chain.torque import Component
 from torquebench.elementwise import Values
-from torquebench.uncertainty import Distribution
+from torquebench.uncertainty import Distribution, Shared
 from torquebench.units import HOURS_PER_YEAR
-
-__all__ = ["Drift"]
 
 
 @register("drift")

@@ -11,14 +11,12 @@ import numpy as np
 
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Known, Readings, known_or
-from torquebench.chain.torque import Component, Shared
+from torquebench.chain.torque import Component
 from torquebench.dynamics import FilterStream, InverseFilter, UncertainFilter
 from torquebench.elementwise import Values
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.uncertainty import Distribution
-
-__all__ = ["Dynamics", "RecordedDynamics"]
+from torquebench.uncertainty import Distribution, Shared
 
 _UNEVEN = 0.05  # of the sample interval
 _SQUARE_ROOT_3 = 3.0**0.5

@@ -8,11 +8,9 @@ from typing import ClassVar
 
 from torquebench.chain.effect import Effect, MeasuredPart, register
 from torquebench.chain.readings import Readings, known_or, unknown
-from torquebench.chain.torque import Component, Shared, by_row
+from torquebench.chain.torque import Component, by_row
 from torquebench.elementwise import Values, elementwise, in_rows
-from torquebench.uncertainty import Distribution
-
-__all__ = ["Inertia"]
+from torquebench.uncertainty import Distribution, Shared
 
 
 @register("inertia")

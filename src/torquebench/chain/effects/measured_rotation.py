@@ -14,7 +14,7 @@ from torquebench.chain.effect import Effect, MeasuredPart, Refusal, register
 from torquebench.chain.effects.rotation import STANDSTILL_RPM
 from torquebench.chain.grid import Numbers, Table, between
 from torquebench.chain.readings import FloatArray, Readings, row_of, unknown
-from torquebench.chain.torque import Component, Shared, by_row
+from torquebench.chain.torque import Component, by_row
 from torquebench.elementwise import (
     NodePosition,
     Values,
@@ -26,9 +26,7 @@ from torquebench.elementwise import (
     on_tables,
 )
 from torquebench.message import Message
-from torquebench.uncertainty import Distribution
-
-__all__ = ["MeasuredRotation"]
+from torquebench.uncertainty import Distribution, Shared
 
 UNKNOWN_LUBRICATION = 0.2 / 3.0**0.5
 """Standard uncertainty of the drag's factor if no run shows it: within ±20 %, rectangular."""

@@ -13,12 +13,10 @@ from torquebench.chain.effect import Effect, MeasuredPart, Refusal, register
 from torquebench.chain.effects.temperature import Temperature
 from torquebench.chain.grid import Numbers, between
 from torquebench.chain.readings import FloatArray, Known, Readings, known_or, row_of, unknown
-from torquebench.chain.torque import Component, Shared, by_row
+from torquebench.chain.torque import Component, by_row
 from torquebench.elementwise import Values, elementwise, in_columns, in_rows, located, on_lines
 from torquebench.message import Message
-from torquebench.uncertainty import Distribution
-
-__all__ = ["MeasuredTemperature"]
+from torquebench.uncertainty import Distribution, Shared
 
 CORRELATION_K = 10.0
 """Distance in temperature from which on errors of the curves are treated as independent."""

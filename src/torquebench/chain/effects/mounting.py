@@ -7,10 +7,9 @@ from typing import ClassVar
 
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import Readings
-from torquebench.chain.torque import Component, Shared
+from torquebench.chain.torque import Component
 from torquebench.elementwise import Values
-
-__all__ = ["Mounting"]
+from torquebench.uncertainty import Shared
 
 
 @register("mounting")

@@ -9,11 +9,9 @@ from typing import Any, ClassVar, Self
 
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import Readings
-from torquebench.chain.torque import Component, Shared
+from torquebench.chain.torque import Component
 from torquebench.elementwise import Values, functions_for
-from torquebench.uncertainty import CertifiedUncertainty, Distribution
-
-__all__ = ["Reference"]
+from torquebench.uncertainty import CertifiedUncertainty, Distribution, Shared
 
 
 @register("reference standard")

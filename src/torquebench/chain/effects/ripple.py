@@ -12,12 +12,11 @@ from torquebench.chain.effect import Effect, MeasuredPart, register
 from torquebench.chain.effects.rotation import STANDSTILL_RPM
 from torquebench.chain.grid import Numbers, Table
 from torquebench.chain.readings import FloatArray, Readings, row_of
-from torquebench.chain.torque import Component, Shared
+from torquebench.chain.torque import Component
 from torquebench.elementwise import Values
 from torquebench.message import Message
+from torquebench.uncertainty import Shared
 from torquebench.units import MINUTE, TURN
-
-__all__ = ["Ripple", "speed_terms"]
 
 _ALIKE_TURNS = 0.25
 """Share of a turn over which the torque of a ripple keeps its sign."""

@@ -10,11 +10,9 @@ import numpy as np
 
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import Readings, known_or
-from torquebench.chain.torque import Component, Shared
+from torquebench.chain.torque import Component
 from torquebench.elementwise import Values
-from torquebench.uncertainty import Distribution
-
-__all__ = ["Rotation"]
+from torquebench.uncertainty import Distribution, Shared
 
 STANDSTILL_RPM = 0.5
 """Largest speed that counts as standstill: it is noise of the encoder.

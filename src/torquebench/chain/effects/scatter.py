@@ -9,12 +9,11 @@ from typing import ClassVar
 
 from torquebench.chain.effect import Effect
 from torquebench.chain.readings import Readings
-from torquebench.chain.torque import Component, Shared
+from torquebench.chain.torque import Component
 from torquebench.compensation import CompensationModel
 from torquebench.compensation.curve_uncertainty import student_widening
 from torquebench.elementwise import Values
-
-__all__ = ["Scatter"]
+from torquebench.uncertainty import Shared
 
 
 @dataclass(frozen=True)

@@ -11,15 +11,13 @@ import numpy as np
 
 from torquebench.chain.effect import Effect
 from torquebench.chain.readings import FloatArray, Known, Readings
-from torquebench.chain.torque import Component, Shared
+from torquebench.chain.torque import Component
 from torquebench.compensation import FEATURES, CompensationModel, HistoryCompensator, features
 from torquebench.compensation.hysteresis import LiveTorque
 from torquebench.compensation.table import CompensationTable, compile_table
 from torquebench.elementwise import Values, functions_for, in_columns
 from torquebench.errors import InputError
-from torquebench.uncertainty import Distribution
-
-__all__ = ["CORRELATION_SHARE", "StaticCurve"]
+from torquebench.uncertainty import Distribution, Shared
 
 CORRELATION_SHARE = 0.1
 """Distance of readings, as a share of full scale, from which on the curve's errors are treated as

@@ -13,8 +13,6 @@ from torquebench.elementwise import Values
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["SWITCHES", "Switch", "SwitchedOff"]
-
 Switch = Literal["hysteresis", "temperature", "rotation", "inertia", "ripple"]
 SWITCHES: Mapping[str, tuple[str, ...]] = {
     "hysteresis": ("hysteresis",),

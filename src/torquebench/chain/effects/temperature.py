@@ -10,11 +10,9 @@ import numpy as np
 
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Known, Readings
-from torquebench.chain.torque import Component, Shapes, Shared, by_row
+from torquebench.chain.torque import Component, Shapes, by_row
 from torquebench.elementwise import Values
-from torquebench.uncertainty import Distribution
-
-__all__ = ["Temperature"]
+from torquebench.uncertainty import Distribution, Shared
 
 _NAMES = ("temperature of zero", "temperature of span")
 

@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 from torquebench.chain.effects.rotation import STANDSTILL_RPM
 from torquebench.chain.readings import FloatArray
 
-__all__ = ["Block", "Circumstances", "blocks", "running_in_columns"]
-
 _KELVIN = 20.0
 """Unit of temperature changes, K."""
 _FALLS = 2.0 ** -np.arange(1, 8)

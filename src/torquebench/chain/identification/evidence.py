@@ -12,8 +12,6 @@ from scipy.linalg import cho_factor, cho_solve
 from torquebench.chain.readings import FloatArray
 from torquebench.compensation.base import single_blas_thread
 
-__all__ = ["Normal", "Posterior", "explore", "gain"]
-
 _BOUND = 3.0
 _STEP = 0.05
 _ROUNDING = 1e-13

@@ -16,8 +16,6 @@ from torquebench.compensation.curve_uncertainty import student_widening
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["identify_lubrication"]
-
 _BINS = 20
 """Number of bins of the speed, up to the largest speed."""
 _FEWEST_IN_BIN = 10

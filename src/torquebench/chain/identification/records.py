@@ -14,16 +14,6 @@ from torquebench.chain.readings import FloatArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = [
-    "SAME_K",
-    "EmptyRun",
-    "TurningCalibration",
-    "Zeros",
-    "related_to_one_zero",
-    "stretches",
-    "usual_points",
-]
-
 SAME_K = 2.0
 """Largest spread of the temperatures of points that count as measured at one temperature."""
 

@@ -14,8 +14,6 @@ from torquebench.chain.identification.records import EmptyRun
 from torquebench.chain.readings import FloatArray, Readings
 from torquebench.units import MINUTE
 
-__all__ = ["identify_ripple", "without_ripple"]
-
 ORDERS = (1, 2, 3, 4, 5, 6)
 _TERMS = 5
 _SLOW_S = 0.5

@@ -34,8 +34,6 @@ from torquebench.compensation.curve_uncertainty import student_widening
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["LEAST_KELVIN", "Identified", "identify"]
-
 _UNIT = 1e-4
 """Unit of the columns' weights, as a share of full scale."""
 _NOISE, _NOISE_SPREAD = 1.0, 1.5

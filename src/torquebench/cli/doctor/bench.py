@@ -17,7 +17,8 @@ from torquebench.units import DEG_PER_RAD, MS_PER_S, RPM_PER_RAD_S
 if TYPE_CHECKING:
     from torquebench.bench.audit.entries import AuditLog
     from torquebench.bench.description import BenchDescription, ModuleDescription
-    from torquebench.bench.drivers.base import Drive, DriverSet, Side
+    from torquebench.bench.drivers.base import Drive, DriverSet
+    from torquebench.bench.roles import Side
     from torquebench.station import Station
 
 __all__ = ["Finding", "clock", "drives", "instruments", "signals"]
@@ -86,7 +87,7 @@ def _connected(description: BenchDescription, data: Path) -> Iterator[Finding]:
 def _losses(description: BenchDescription) -> Iterator[Finding]:
     """State by how much a ramp can continue after a loss of computer or cable."""
     from torquebench.bench.devices.drive import slice_s
-    from torquebench.bench.drivers.base import SIDES
+    from torquebench.bench.roles import SIDES
 
     for side in SIDES:
         module = description.module(side)
@@ -244,7 +245,7 @@ def signals(description: BenchDescription, data: Path) -> Iterator[Finding]:
 
 
 def _signals_at_rest(station: Station) -> Iterator[Finding]:
-    from torquebench.bench.drivers.base import SIDES, torque_channel
+    from torquebench.bench.roles import SIDES, torque_channel
 
     for side in SIDES:
         what = f"{side} signal"
@@ -269,7 +270,7 @@ def _signals_at_rest(station: Station) -> Iterator[Finding]:
 
 
 def _encoders(station: Station) -> Iterator[Finding]:
-    from torquebench.bench.drivers.base import SIDES
+    from torquebench.bench.roles import SIDES
 
     for side in SIDES:
         what = f"{side} encoder"
@@ -312,7 +313,7 @@ def _temperatures(station: Station) -> Iterator[Finding]:
 
 def _standard(station: Station) -> Iterator[Finding]:
     """Check the signals of a mounted standard, and that they are zero without load."""
-    from torquebench.bench.drivers.base import SIDES
+    from torquebench.bench.roles import SIDES
     from torquebench.campaign.measuring import standard_at_rest
 
     if station.drivers.reference is not None:
@@ -333,7 +334,7 @@ def _readout(station: Station) -> Iterator[Finding]:
     """Check whether a standard with a torque output sends samples continuously."""
     import numpy as np
 
-    from torquebench.bench.drivers.base import SIDES
+    from torquebench.bench.roles import SIDES
 
     reference = station.drivers.reference
     assert reference is not None
@@ -365,7 +366,7 @@ def _readout(station: Station) -> Iterator[Finding]:
 
 def _fixture(station: Station) -> Iterator[Finding]:
     """State the modes and the clamp's state by their contacts, for comparison with the bench."""
-    from torquebench.bench.drivers.base import SIDES
+    from torquebench.bench.roles import SIDES
 
     drivers = station.drivers
     try:
@@ -378,7 +379,7 @@ def _fixture(station: Station) -> Iterator[Finding]:
 
 
 def _compensations(station: Station) -> Iterator[Finding]:
-    from torquebench.bench.drivers.base import SIDES
+    from torquebench.bench.roles import SIDES
 
     for side in SIDES:
         try:
@@ -401,7 +402,7 @@ def drives(description: BenchDescription, data: Path) -> Iterator[Finding]:
     Every command and finding is written to the audit log of the data directory.
     """
     from torquebench.bench.audit.entries import AUDIT_FOLDER, AuditLog
-    from torquebench.bench.drivers.base import SIDES, torque_channel
+    from torquebench.bench.roles import SIDES, torque_channel
     from torquebench.records.signatures import operator_name
 
     log = AuditLog(data / AUDIT_FOLDER, bench=description.name)

@@ -199,7 +199,7 @@ def _priority() -> Finding:
 
 def configuration(bench: Path | None, data: Path) -> Iterator[Finding]:
     """Check the bench description and the data directory."""
-    from torquebench.bench.drivers.base import SIDES
+    from torquebench.bench.roles import SIDES
 
     description = bench_description(bench)
     name = f"{description.name} ({bench or 'the packaged simulated bench'})"

@@ -19,8 +19,6 @@ from torquebench.compensation.hysteresis import HistoryCompensator
 if TYPE_CHECKING:
     from torquebench.compensation.table import CompensationTable
 
-__all__ = ["followed_branches", "partial_loop_deviation", "turning_nm"]
-
 FloatArray = NDArray[np.float64]
 
 _TURNING_SHARE = 0.005

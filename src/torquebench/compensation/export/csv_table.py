@@ -16,8 +16,6 @@ from torquebench.errors import InputError
 if TYPE_CHECKING:
     from torquebench.compensation.table import CompensationTable
 
-__all__ = ["export_csv", "table_nodes"]
-
 FloatArray = NDArray[np.float64]
 
 _BRANCHES = ((1, "up"), (-1, "down"), (0, "unknown"))

@@ -18,8 +18,6 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.compensation.table import CompensationTable
 
-__all__ = ["EXPORTS", "check_export", "export_table"]
-
 EXPORTS: dict[str, Callable[[Path, CompensationTable, Provenance], Path]] = {
     ".csv": export_csv,
     ".h": export_header,

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from torquebench.compensation.piecewise import PiecewisePolynomial
     from torquebench.compensation.table import CompensationTable
 
-__all__ = ["export_onnx"]
-
 _OPERATOR_SET = 17
 _FORMAT_VERSION = 8
 

@@ -12,8 +12,6 @@ from torquebench.compensation.model_file import Provenance, ReadingScale
 if TYPE_CHECKING:
     from torquebench.compensation.table import CompensationTable
 
-__all__ = ["identifier", "provenance_lines"]
-
 
 def identifier(path: Path) -> str:
     """Return the prefix of all names in an exported source file: the file's own name."""

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from torquebench.compensation.piecewise import PiecewisePolynomial
     from torquebench.compensation.table import CompensationTable
 
-__all__ = ["export_structured_text"]
-
 _PER_LINE = 4
 
 

@@ -10,8 +10,9 @@ from typing import ClassVar
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from torquebench.compensation.base import CompensationModel, FloatArray, feature_column
+from torquebench.compensation.base import CompensationModel
 from torquebench.compensation.checks import WHOLE_SHARE
+from torquebench.compensation.columns import FloatArray, feature_column
 from torquebench.compensation.curve_uncertainty import CurveUncertainty, student_widening
 from torquebench.compensation.estimator import Between, parameter
 from torquebench.compensation.hybrid.average import average

@@ -26,8 +26,6 @@ from torquebench.procedures.reducers.setup import (
 )
 from torquebench.procedures.setup import REST_S, Plan, Setup, measured_in, start_metadata
 
-__all__ = ["EmptyRunSettings", "empty_run"]
-
 
 @dataclass(frozen=True)
 class EmptyRunSettings:

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from torquebench.bench.devices import BenchDevices, RampTo, SynchronousRecording
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.roles import Side
 from torquebench.errors import BenchError, InputError, LimitError
 from torquebench.message import Message
 from torquebench.procedures.guarding import torque_limits
@@ -34,8 +34,6 @@ from torquebench.procedures.setup import (
 )
 from torquebench.procedures.zeroing import zero
 from torquebench.units import DEG_PER_TURN, DEGREE
-
-__all__ = ["Breakaway", "BreakawayRecording", "BreakawaySettings", "breakaway"]
 
 STEP_S = 0.1
 """Bench time between two checks for the first motion, s."""

@@ -24,8 +24,6 @@ from torquebench.procedures.reducers.setup import (
 from torquebench.procedures.setup import Plan, measured_in, start_metadata
 from torquebench.procedures.zeroing import zero
 
-__all__ = ["FrictionPoint", "FrictionSettings", "FrictionSweep", "friction_sweep"]
-
 
 @dataclass(frozen=True)
 class FrictionSettings:

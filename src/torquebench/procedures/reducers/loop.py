@@ -11,7 +11,7 @@ import numpy as np
 
 from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.devices import BenchDevices, RampTo, SynchronousRecording
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.roles import Side
 from torquebench.chain import Inertia
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
@@ -49,17 +49,6 @@ from torquebench.procedures.setup import (
 from torquebench.procedures.zeroing import measure_zero, zero
 from torquebench.reducers import FlangeInertia
 from torquebench.units import DEG_PER_RAD, DEG_PER_TURN, DEG_S_PER_RPM
-
-__all__ = [
-    "BenchTwistRecording",
-    "BenchTwistSettings",
-    "HysteresisSettings",
-    "Loop",
-    "LoopRecording",
-    "bench_twist",
-    "even_positions",
-    "hysteresis_loops",
-]
 
 LOADING_SHARE = 0.0015
 """Largest deviation of a drive from the requested torque, as a share of its range."""

@@ -36,13 +36,6 @@ from torquebench.procedures.setup import REST_S, Plan, measured_in, power_off
 from torquebench.reducers.repeatability import errors_of_means
 from torquebench.units import RAD_S_PER_RPM
 
-__all__ = [
-    "EfficiencySettings",
-    "NoLoadSettings",
-    "efficiency_map",
-    "no_load_running",
-]
-
 FloatArray = NDArray[np.float64]
 Row = Mapping[str, Any]
 

@@ -11,13 +11,11 @@ from bluesky.utils import Msg
 from numpy.typing import NDArray
 
 from torquebench.bench.devices import BenchDevices, SteadySettings
-from torquebench.bench.drivers.base import SIDES, Side
+from torquebench.bench.roles import SIDES, Side
 from torquebench.chain import Torque, joined
 from torquebench.procedures.reducers.setup import check_followed, temperature_c
 from torquebench.procedures.setup import Plan, power_on, set_mode
 from torquebench.procedures.zeroing import measure_zero, zero
-
-__all__ = ["RunningPoint", "RunningRecording", "RunningTable"]
 
 FloatArray = NDArray[np.float64]
 Row = Mapping[str, Any]

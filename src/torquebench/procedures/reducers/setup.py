@@ -13,30 +13,13 @@ from bluesky.utils import Msg
 from numpy.typing import NDArray
 
 from torquebench.bench.devices import BenchDevices, Point, RampTo, SteadySettings
-from torquebench.bench.drivers.base import SIDES, Side
+from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import BenchError, InputError, LimitError, SignalFault
 from torquebench.message import Message
 from torquebench.procedures.messages import again_after_pause, leg_checkpoint, move, progress, sleep
 from torquebench.procedures.setup import REST_S, Plan, Setup, power_on, start_metadata
 from torquebench.procedures.turning.profile import turn_s, whole_turns_s
 from torquebench.units import DEG_PER_RAD, DEGREE, MINUTE, RAD_S_PER_RPM
-
-__all__ = [
-    "GENTLE_RPM_PER_S",
-    "REDUCER_SETUP",
-    "ReducerLimits",
-    "WarmUp",
-    "check_followed",
-    "check_speeds",
-    "directions",
-    "over_turns",
-    "run_metadata",
-    "speed_ramp",
-    "temperature_c",
-    "turn_at",
-    "turn_output",
-    "warm_up",
-]
 
 REDUCER_SETUP = Setup("reducer_test", "input", "reducer", "free")
 REDUCER_PROBE = "reducer"

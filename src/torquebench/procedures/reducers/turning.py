@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from torquebench.bench.certificates.encoder import EncoderCertificate, encoder_certificates
 from torquebench.bench.devices import BenchDevices
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.roles import Side
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.procedures.guarding import turning_limits
@@ -36,13 +36,6 @@ from torquebench.procedures.reducers.setup import (
 from torquebench.procedures.setup import REST_S, Plan, measured_in, power_on
 from torquebench.signals import Record
 from torquebench.units import MINUTE, RAD_S_PER_RPM
-
-__all__ = [
-    "AngleRecording",
-    "TransmissionRecording",
-    "TransmissionSettings",
-    "transmission_error",
-]
 
 CHUNK_S = 2.0
 """Bench time of one interval of the recorder, s."""

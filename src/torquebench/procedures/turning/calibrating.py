@@ -21,8 +21,6 @@ from torquebench.procedures.turning.empty import reach_temperature, run_metadata
 from torquebench.procedures.turning.profile import TurningPoint, TurningProfile
 from torquebench.procedures.zeroing import zero
 
-__all__ = ["calibrate_turning"]
-
 
 def calibrate_turning(
     devices: BenchDevices,

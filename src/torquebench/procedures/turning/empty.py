@@ -44,15 +44,6 @@ from torquebench.procedures.zeroing import zero
 from torquebench.signals import Record
 from torquebench.units import DEG_PER_RAD, DEG_PER_TURN, HOUR, MINUTE
 
-__all__ = [
-    "EmptySummary",
-    "EmptyTable",
-    "SeriesTable",
-    "reach_temperature",
-    "run_metadata",
-    "turn_empty",
-]
-
 FloatArray = NDArray[np.float64]
 
 LONGEST_PIECE_S = 30.0

@@ -21,16 +21,6 @@ from torquebench.message import Message
 from torquebench.units import MINUTE, TURN
 from torquebench.validation import parse_toml, validated
 
-__all__ = [
-    "Leg",
-    "TorqueLeg",
-    "TurningPoint",
-    "TurningProfile",
-    "load_turning_profile",
-    "turn_s",
-    "whole_turns_s",
-]
-
 Share = Annotated[float, Field(gt=0, le=1)]
 Seconds = Annotated[float, Field(gt=0, le=3600)]
 _PIECES = 12  # as a share of a sine's period

@@ -32,8 +32,6 @@ from torquebench.procedures.zeroing import zero
 from torquebench.signals import Record
 from torquebench.units import MS_PER_S, TURN
 
-__all__ = ["StepTable", "check_drive", "step_torques"]
-
 FloatArray = NDArray[np.float64]
 
 _PRELOADED_S = 1.0

@@ -15,8 +15,6 @@ from torquebench.records.files import EDGE_STREAM
 from torquebench.records.streams.arrow_stream import seal_stream
 from torquebench.signals import EdgeBlock
 
-__all__ = ["EDGE_ARCHIVE", "read_edges", "seal_edges"]
-
 EDGE_ARCHIVE = "edges.parquet"
 """Name of the sealed edges in a run's folder."""
 GROUP_EDGES = 2_000_000

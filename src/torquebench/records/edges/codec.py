@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from torquebench.errors import RecordError
 from torquebench.message import Message
 
-__all__ = ["EncodedEdges", "decode_edges", "encode_edges"]
-
 ESCAPE = -128
 """Code for a second difference that doesn't fit into a byte."""
 

@@ -13,8 +13,6 @@ from torquebench.records.edges.codec import EncodedEdges, decode_edges, encode_e
 from torquebench.records.streams.arrow_stream import ArrowStream, WholeBatches
 from torquebench.signals import EdgeBlock
 
-__all__ = ["EdgeStream", "RecordedEdges", "damage_to", "stream_edges"]
-
 _ENCODED = [
     ("count", pa.int64()),
     ("first_tick", pa.int64()),

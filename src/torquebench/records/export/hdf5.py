@@ -8,8 +8,6 @@ import h5py
 
 from torquebench.records.runs.streams import Attributes, EdgePiece, Samples
 
-__all__ = ["write_edges", "write_samples"]
-
 CHUNK = 65_536
 
 

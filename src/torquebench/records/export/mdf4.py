@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from torquebench.records.runs.streams import Attributes, EdgePiece, Samples
 
-__all__ = ["write_edges", "write_samples"]
-
 VERSION = "4.10"
 DEFLATED = 2
 TIME = "time_s"

@@ -24,8 +24,6 @@ from torquebench.records.runs.streams import (
     sample_columns,
 )
 
-__all__ = ["STREAM_FORMATS", "Stream", "StreamFormat", "export_streams", "stream_ending"]
-
 StreamFormat = Literal["csv", "parquet", "hdf5", "tdms", "mdf4"]
 Stream = Literal["samples", "edges"]
 STREAM_FORMATS: tuple[StreamFormat, ...] = get_args(StreamFormat)

@@ -8,8 +8,6 @@ from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 
 from torquebench.records.runs.streams import Attributes, EdgePiece, Samples
 
-__all__ = ["write_edges", "write_samples"]
-
 
 def write_samples(path: Path, samples: Samples, attributes: Attributes) -> None:
     """Write each column as a channel of the group `samples`."""

@@ -49,19 +49,6 @@ from torquebench.records.read_only import is_writable, sqlite_reader
 from torquebench.records.registry.entries import Entry, Identity, Registered, completed, links
 from torquebench.records.registry.migrating import upgrade
 
-__all__ = [
-    "REGISTRY_FILE",
-    "REGISTRY_URL",
-    "WAY_BACK",
-    "Database",
-    "UnavailableError",
-    "database_failures",
-    "engine_of",
-    "entries_query",
-    "lost_registry",
-    "url_with_driver",
-]
-
 REGISTRY_FILE = "registry.sqlite"
 WAY_BACK = "`torquebench records restore BACKUP`, or without a backup `torquebench records rebuild`"
 """Remedy for a lost or damaged registry."""

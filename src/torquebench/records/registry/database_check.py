@@ -15,8 +15,6 @@ from torquebench.records.registry.entries import metadata
 from torquebench.records.registry.migrating import upgrade
 from torquebench.records.registry.schema_version import VERSIONS_TABLE
 
-__all__ = ["damage_of_file", "index_damage_only", "mend_schema", "schema_changes"]
-
 _OF_AN_INDEX = ("missing from index", "entries in index", "non-unique entry in index")
 
 

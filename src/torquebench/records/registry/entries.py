@@ -66,38 +66,6 @@ from torquebench.records.signatures import Signature
 if TYPE_CHECKING:
     from torquebench.calibration import CalibrationData, Contradiction
 
-__all__ = [
-    "Activation",
-    "Adjustment",
-    "Amendment",
-    "AuditEnd",
-    "CalibrationEntry",
-    "CertificateEntry",
-    "CheckEntry",
-    "Component",
-    "ComponentChange",
-    "Document",
-    "Equipment",
-    "EquipmentKind",
-    "ModelEntry",
-    "Registered",
-    "Report",
-    "Review",
-    "RunEnd",
-    "RunSummary",
-    "TorqueRange",
-    "UtcDateTime",
-    "VerificationEntry",
-    "Zeroing",
-    "archived_at",
-    "completed",
-    "entry_of",
-    "facts",
-    "links",
-    "metadata",
-    "sha256_of_record",
-]
-
 
 class UtcDateTime(TypeDecorator[datetime]):
     """A time with time zone, stored in UTC, because SQLite stores no time zone."""

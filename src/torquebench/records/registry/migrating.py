@@ -12,8 +12,6 @@ from torquebench.records.registry.schema_version import (
     VERSIONS_TABLE,
 )
 
-__all__ = ["SCHEMA_VERSION", "upgrade"]
-
 _MIGRATIONS = Path(__file__).parent / "migrations"
 
 

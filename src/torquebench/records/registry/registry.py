@@ -39,8 +39,6 @@ from torquebench.records.signatures import Signature
 if TYPE_CHECKING:
     from torquebench.calibration import Contradiction, VerificationResult
 
-__all__ = ["Registry", "Subject"]
-
 Subject = Literal[
     "equipment",
     "equipment_descriptions",

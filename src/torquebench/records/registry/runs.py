@@ -28,8 +28,6 @@ from torquebench.records.signatures import Signature
 if TYPE_CHECKING:
     from torquebench.records.runs.folder import RunFolder
 
-__all__ = ["DISCARDED", "INTERRUPTED", "RunRecords"]
-
 REBUILT = "registry"
 """Subject of amendments that list runs that were registered again from their folders."""
 DISCARDED = "discarded"

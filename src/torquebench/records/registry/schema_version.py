@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-__all__ = ["DEVELOPMENT_VERSIONS", "SCHEMA_VERSION", "VERSIONS_TABLE"]
-
 SCHEMA_VERSION = max(
     path.stem.removeprefix("version_")
     for path in (Path(__file__).parent / "migrations" / "versions").glob("version_*.py")

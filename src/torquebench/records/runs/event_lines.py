@@ -14,8 +14,6 @@ from typing import Any
 
 from torquebench.records.files import UNREADABLE, json_text
 
-__all__ = ["CheckedLine", "Damage", "ReadLines", "checked_line", "read_lines", "with_copies"]
-
 _BEGIN = re.compile(rb'\{"line": [0-9]+, "name": ')
 _END = re.compile(rb', "sha256": "([0-9a-f]{64})"\}')
 _TAIL = len(', "sha256": ""}') + 64

@@ -44,16 +44,6 @@ if TYPE_CHECKING:
     from torquebench.records.streams.raw_stream import RawReading
     from torquebench.signals import EdgeBlock
 
-__all__ = [
-    "ANNOTATION",
-    "MANIFEST",
-    "Recovery",
-    "RunFolder",
-    "RunStatus",
-    "RunWriter",
-    "new_run_id",
-]
-
 RunStatus = Literal["completed", "aborted", "failed", "interrupted"]
 
 _METADATA = "run.json"

@@ -15,8 +15,6 @@ from torquebench.records.files import UNREADABLE
 from torquebench.records.read_only import sqlite_reader
 from torquebench.records.registry.schema_version import SCHEMA_VERSION, VERSIONS_TABLE
 
-__all__ = ["RunLine", "maybe_unfinished", "newest_runs"]
-
 _NEWEST = """
     SELECT run_id, started, coalesce(status, 'running'), bench, simulated
     FROM runs LEFT JOIN run_ends ON run_ends.run_key = runs.id

@@ -6,8 +6,6 @@ import os
 import sys
 from pathlib import Path
 
-__all__ = ["RunLock", "is_held"]
-
 LOCKED_FILE = "run.json"
 """The file in a run's folder that is locked; it exists from the start and never changes."""
 

@@ -19,8 +19,6 @@ from torquebench.message import Message
 from torquebench.uncertainty import Distribution
 from torquebench.validation import words_of
 
-__all__ = ["RECORDING", "from_plain", "recording_content", "recording_file"]
-
 RECORDING = "recording.parquet"
 """Name of the file in a run's folder."""
 FORMAT = 1

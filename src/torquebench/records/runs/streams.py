@@ -12,15 +12,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records.runs.folder import RunFolder
 
-__all__ = [
-    "Attributes",
-    "EdgePiece",
-    "Samples",
-    "edge_pieces",
-    "run_attributes",
-    "sample_columns",
-]
-
 Attributes = Mapping[str, str | int | float | bool]
 Samples = Mapping[Column, NDArray[Any]]
 """Values of shape (n,) by column; NaN marks a missing number."""

@@ -15,16 +15,6 @@ from torquebench.units import DAY, HOUR
 if TYPE_CHECKING:
     from torquebench.records.registry.registry import Registry
 
-__all__ = [
-    "clock_behind",
-    "doubts_of_calibrations",
-    "doubts_of_runs",
-    "expired_on",
-    "expired_standard",
-    "time_remarks",
-    "times_of_run",
-]
-
 calibrations, equipment, reports, run_ends, runs = (
     metadata.tables[name] for name in ("calibrations", "equipment", "reports", "run_ends", "runs")
 )

@@ -24,16 +24,6 @@ from torquebench.records.runs.folder import RunFolder
 from torquebench.records.runs.lock import is_held
 from torquebench.units import HOUR
 
-__all__ = [
-    "REGISTERS",
-    "RunState",
-    "UnfinishedRun",
-    "followers",
-    "latest_unfinished_calibration",
-    "unentered_folders",
-    "unfinished_runs",
-]
-
 REGISTERS = "registers"
 """Key of a run's metadata that states the kind of result and how to register it."""
 LONGEST_H = 24.0

@@ -16,8 +16,6 @@ from torquebench.message import Message
 from torquebench.records.durable_file import DurableFile
 from torquebench.tables import numbers_of
 
-__all__ = ["ArrowStream", "WholeBatches", "described_schema", "seal_stream"]
-
 FLUSH_INTERVAL_S = 0.5
 """Longest time between two synchronisations while data arrive, s of wall time."""
 _CHECKSUM = b"sha256"

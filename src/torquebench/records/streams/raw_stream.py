@@ -21,8 +21,6 @@ from torquebench.records.streams.arrow_stream import (
 )
 from torquebench.tables import numbers_of
 
-__all__ = ["RawReading", "RawStream", "read_raw", "seal_raw"]
-
 
 class RawStream(ArrowStream):
     """Appends columns of samples, each with its unit and description.

@@ -21,6 +21,7 @@ from torquebench.calibration import (
 from torquebench.campaign.bench_chains import check_standard, used_chain
 from torquebench.campaign.checking import judge_check
 from torquebench.campaign.fitting import model_title
+from torquebench.campaign.registering import run_data as run_data
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.records import (
@@ -52,17 +53,8 @@ from torquebench.reports.certificate.results import (
     turning_budget,
     turning_range,
 )
-from torquebench.reports.certificate.source import Source, run_data
+from torquebench.reports.certificate.source import Source
 from torquebench.reports.certificate.static import static_tables
-
-__all__ = [
-    "DEFAULT_TOLERANCE_PERCENT_FS",
-    "UNREVIEWED",
-    "Issue",
-    "build_record",
-    "calibration_of",
-    "run_data",
-]
 
 DEFAULT_TOLERANCE_PERCENT_FS = 0.1
 """0.1 % of full scale: the accuracy of the published instrument (doi 10.1177/00202940221103308)."""

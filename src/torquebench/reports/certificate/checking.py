@@ -13,8 +13,6 @@ from torquebench.reports.certificate.laboratory import kept_letterhead
 from torquebench.reports.certificate.record import PAYLOAD_PREFIX
 from torquebench.tables import DigitalCertificate, parse_dcc
 
-__all__ = ["CertificateCheck", "check_certificate", "schema_findings"]
-
 _PAYLOAD = re.compile(rf"{PAYLOAD_PREFIX};([^;\s<>()]+);([0-9a-f]{{64}})")
 _DCC_NAMESPACE = b"https://ptb.de/dcc"
 _PLACE = re.compile(r"/Q\{[^}]*\}")

@@ -22,16 +22,6 @@ from torquebench.reports.certificate.static_content import (
 )
 from torquebench.uncertainty import Verdict
 
-__all__ = [
-    "act_words",
-    "certificate_content",
-    "chain_words",
-    "not_in_u_words",
-    "place_words",
-    "unreviewed_words",
-    "verification_words",
-]
-
 _ARROWS = {1: "↑", -1: "↓", 0: ""}
 
 

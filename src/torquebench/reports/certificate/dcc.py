@@ -28,8 +28,6 @@ from torquebench.reports.certificate.static_content import (
 )
 from torquebench.uncertainty import rounded
 
-__all__ = ["SCHEMA_VERSION", "certificate_xml"]
-
 SCHEMA_VERSION = "3.3.0"
 
 _DCC = "https://ptb.de/dcc"

@@ -11,8 +11,6 @@ import typst
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["LATIN", "chinese_family", "fonts_for", "has_chinese"]
-
 LATIN = "Libertinus Serif"
 """Supplied with Typst, so that a certificate's bytes don't depend on the machine."""
 

@@ -16,14 +16,6 @@ from torquebench.reports.certificate.dcc import certificate_xml
 from torquebench.reports.certificate.record import CertificateRecord
 from torquebench.reports.certificate.typesetting import certificate_pdf
 
-__all__ = [
-    "IssuedCertificate",
-    "archive_folder",
-    "certificate_files",
-    "issue_certificate",
-    "unregistered_certificates",
-]
-
 UNREGISTERED = ".unregistered-"
 """Part of the name of a folder with the files of a certificate that was never registered."""
 

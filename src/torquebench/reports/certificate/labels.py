@@ -14,8 +14,6 @@ from torquebench.translations import translated
 from torquebench.uncertainty import rounded
 from torquebench.units import minus_signs
 
-__all__ = ["LANGUAGES", "Labels", "check_languages", "labels_of"]
-
 LANGUAGES = ("en", "de", "zh")
 
 

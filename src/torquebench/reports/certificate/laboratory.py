@@ -12,8 +12,6 @@ from torquebench.records.accounts import Accounts
 from torquebench.reports.certificate.record import Party
 from torquebench.validation import parse_toml, validated
 
-__all__ = ["LABORATORY_FILE", "Letterhead", "kept_letterhead", "person_among", "read_letterhead"]
-
 LABORATORY_FILE = "laboratory.toml"
 """Name of the file in a data directory."""
 

@@ -14,26 +14,6 @@ from torquebench.records.registry.entries import sha256_of_record
 from torquebench.records.signatures import Signature
 from torquebench.uncertainty import CertifiedUncertainty, Verdict
 
-__all__ = [
-    "PAYLOAD_PREFIX",
-    "Act",
-    "BudgetRow",
-    "CertificateRecord",
-    "Conformity",
-    "DeviationStatement",
-    "Item",
-    "Method",
-    "Party",
-    "Reference",
-    "ResultRow",
-    "StaticClass",
-    "StaticRow",
-    "StaticTable",
-    "TurningBudget",
-    "VerificationSummary",
-    "ZeroHysteresisStatement",
-]
-
 PAYLOAD_PREFIX = "torquebench-certificate"
 """Beginning of the QR code's text, before number and hash."""
 

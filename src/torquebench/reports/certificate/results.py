@@ -39,15 +39,6 @@ from torquebench.uncertainty import (
 )
 from torquebench.units import RPM_PER_RAD_S
 
-__all__ = [
-    "TEMPERATURE_PERCENT_PER_10K",
-    "Results",
-    "conformity_of",
-    "evaluate_results",
-    "turning_budget",
-    "turning_range",
-]
-
 TEMPERATURE_PERCENT_PER_10K = 0.1
 """Temperature drift of zero and span during a calibration, by HBK T40B's data sheet, class 0.1."""
 

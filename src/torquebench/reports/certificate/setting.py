@@ -11,8 +11,6 @@ import typst
 
 from torquebench.reports.certificate.fonts import fonts_for
 
-__all__ = ["typeset"]
-
 
 def typeset(
     template: Traversable,

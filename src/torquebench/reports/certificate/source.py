@@ -14,7 +14,8 @@ from torquebench.calibration import (
     assign_nominal,
 )
 from torquebench.campaign.calibration_comparison import model_of_calibration
-from torquebench.campaign.registering import run_data, run_profile
+from torquebench.campaign.registering import run_data
+from torquebench.campaign.registering import run_profile as run_profile
 from torquebench.chain import MeasuringChain, load_chain
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
@@ -32,8 +33,6 @@ from torquebench.records import (
 from torquebench.records.runs.time_check import times_of_run
 from torquebench.reports.certificate.record import Reference
 from torquebench.reports.certificate.static import resolution_of
-
-__all__ = ["Source", "run_data", "run_profile"]
 
 
 @dataclass(frozen=True, eq=False)

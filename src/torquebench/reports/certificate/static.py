@@ -24,8 +24,6 @@ from torquebench.reports.certificate.record import (
     ZeroHysteresisStatement,
 )
 
-__all__ = ["resolution_of", "static_tables", "zero_hysteresis_statement"]
-
 
 def resolution_of(data: CalibrationData) -> float:
     """Return the default resolution of a chain's indication in N·m.

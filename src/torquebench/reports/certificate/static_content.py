@@ -6,15 +6,6 @@ from typing import Any
 from torquebench.reports.certificate.labels import Labels
 from torquebench.reports.certificate.record import CertificateRecord, StaticRow, StaticTable
 
-__all__ = [
-    "MOST_ROWS",
-    "STATIC_QUANTITIES",
-    "class_words",
-    "listed_steps",
-    "static_content",
-    "zero_hysteresis_words",
-]
-
 MOST_ROWS = 20
 """Largest number of steps in the PDF's text; the annex has the complete table."""
 

@@ -17,8 +17,6 @@ from torquebench.reports.certificate.labels import labels_of
 from torquebench.reports.certificate.record import CertificateRecord
 from torquebench.reports.certificate.setting import typeset
 
-__all__ = ["certificate_pages", "certificate_pdf", "code_svg", "errors_svg"]
-
 PDF_STANDARD: Final = "a-2u"
 """PDF/A for archives: embedded fonts, searchable text."""
 PICTURE_PPI: Final = 110.0

@@ -9,8 +9,6 @@ from typing import IO, Any
 
 from torquebench.tables.formats import Format, OpenedTable
 
-__all__ = ["FORMAT"]
-
 
 def _open(path: Path, _: str, opened: ExitStack) -> OpenedTable:
     import pyarrow as pa

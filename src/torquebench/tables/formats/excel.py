@@ -18,8 +18,6 @@ from torquebench.tables.formats import Format, OpenedTable, chosen_part, table_s
 from torquebench.tables.headers import known_name
 from torquebench.tables.layout import HEAD_ROWS, find_layout
 
-__all__ = ["FORMAT"]
-
 MOST_EXPANDED = 256 << 20
 """Largest size of a workbook's uncompressed parts together, B."""
 MOST_CELLS = 4_000_000

@@ -16,8 +16,6 @@ from torquebench.tables.formats import (
     tables_by_length,
 )
 
-__all__ = ["FORMAT", "columns_of_file"]
-
 MOST_COLUMNS = 256
 """Largest number of columns of a matrix that may be a table."""
 _CHUNK = 65_536

@@ -18,8 +18,6 @@ from torquebench.tables.formats import (
 )
 from torquebench.tables.formats.hdf5 import MOST_COLUMNS, columns_of_file
 
-__all__ = ["FORMAT"]
-
 _HDF5 = b"\x89HDF"
 _OBJECTS = ("None", "__function_workspace__")
 """Names under which SciPy returns objects, such as timetables, which only MATLAB can read."""

@@ -9,8 +9,6 @@ from typing import IO, Any
 
 from torquebench.tables.formats import Format, OpenedTable, chosen_part, of_channels
 
-__all__ = ["FORMAT"]
-
 _VERSION = "4.10"
 _DEFLATED = 2
 _TIME = "time_s"

@@ -9,8 +9,6 @@ from typing import IO, Any
 
 from torquebench.tables.formats import Format, OpenedTable
 
-__all__ = ["FORMAT"]
-
 _GROUP_ROWS = 1 << 18  # rows of a group; while one is written, threads calculate the next
 _LOOKED_AT_ROWS = 10_000
 _FOREIGN = (b"ARROW:schema", b"pandas", b"org.apache.spark.sql.parquet.row.metadata")

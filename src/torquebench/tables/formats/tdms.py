@@ -15,8 +15,6 @@ from torquebench.tables.formats import (
     tables_by_length,
 )
 
-__all__ = ["FORMAT"]
-
 
 def _open(path: Path, part: str, opened: ExitStack) -> OpenedTable:
     from nptdms import TdmsFile

@@ -24,8 +24,6 @@ from torquebench.tables.headers import known_name
 from torquebench.tables.layout import HEAD_ROWS, find_layout
 from torquebench.tables.table import Table
 
-__all__ = ["FORMAT", "TextFile", "decode_text", "remarks_in", "text_encoding"]
-
 BLOCK_BYTES = 1 << 21
 _SMALL_BYTES = 1 << 17
 _LONGEST_LINE = 1 << 24

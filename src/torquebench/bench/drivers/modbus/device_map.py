@@ -27,8 +27,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.validation import validated
 
-__all__ = ["CoilMap", "ContactMap", "DeviceMap", "MappedOptions", "ValueMap", "device_map", "maps"]
-
 Register = Annotated[int, Field(ge=0, le=65535)]
 WordOrder = Literal["high first", "low first"]
 _FORMATS = {"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "float32": "f"}

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 from typing import TypeVar
 
-from torquebench.bench.drivers.base import DriveLimits, DriveState, Identity, Side
+from torquebench.bench.drivers.base import DriveLimits, DriveState, Identity
 from torquebench.bench.drivers.fixture import (
     FixtureClamp,
     FixtureModes,
@@ -42,11 +42,10 @@ from torquebench.bench.drivers.modbus.register_map import (
     DriveStatus,
 )
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
+from torquebench.bench.roles import Side
 from torquebench.errors import BenchError
 from torquebench.message import Message
 from torquebench.units import MS_PER_S
-
-__all__ = ["PLUGIN", "ModbusDrive"]
 
 REPORT_LENGTH = 14
 

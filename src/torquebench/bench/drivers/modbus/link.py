@@ -15,8 +15,6 @@ from torquebench.bench.drivers.plugins import Options, require_library
 from torquebench.errors import BenchError
 from torquebench.message import Message
 
-__all__ = ["ModbusLink", "ModbusOptions"]
-
 BUSY = 6
 """Exception "server device busy": the request is repeated."""
 BUSY_S = 0.01

@@ -11,26 +11,16 @@ import numpy as np
 from pydantic import Field
 
 from torquebench.bench.drivers.angles import unwrapped
-from torquebench.bench.drivers.base import Identity, Side
+from torquebench.bench.drivers.base import Identity
 from torquebench.bench.drivers.modbus import register_map
 from torquebench.bench.drivers.modbus.device_map import DeviceMap, MappedOptions, ValueMap
 from torquebench.bench.drivers.modbus.link import ModbusLink, ModbusOptions
 from torquebench.bench.drivers.modbus.register_map import Coil, Contact
 from torquebench.bench.drivers.sample_clock import SampleClock
-from torquebench.bench.roles import SIDES
+from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.signals import Record
-
-__all__ = [
-    "AnglesOptions",
-    "DigitalOptions",
-    "ModbusAngles",
-    "ModbusFixture",
-    "ModbusReadout",
-    "ModbusTemperature",
-    "TemperatureOptions",
-]
 
 
 class _Module:

@@ -10,28 +10,6 @@ import struct
 from collections.abc import Sequence
 from enum import IntEnum, IntFlag
 
-__all__ = [
-    "IDENTITY",
-    "IDENTITY_LENGTH",
-    "PROBE_BROKEN",
-    "READOUT_HEADER",
-    "READOUT_SAMPLES",
-    "READOUT_STRIDE",
-    "Coil",
-    "Contact",
-    "DriveCommand",
-    "DriveControl",
-    "DriveMode",
-    "DriveReport",
-    "DriveStatus",
-    "float_of",
-    "from_float",
-    "from_integer",
-    "from_text",
-    "integer_of",
-    "text_of",
-]
-
 
 class DriveCommand(IntEnum):
     """Holding registers of a drive."""

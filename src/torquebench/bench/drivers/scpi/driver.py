@@ -10,19 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from torquebench.bench.blocks import Block
 from torquebench.bench.description import CounterDescription
-from torquebench.bench.drivers.base import Block, Identity, Side
+from torquebench.bench.drivers.base import Identity
 from torquebench.bench.drivers.counters import DescribedCounter, counted
 from torquebench.bench.drivers.links import TimeOut
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest, Options
 from torquebench.bench.drivers.sample_clock import SampleClock
 from torquebench.bench.drivers.scpi.link import ScpiAddress, ScpiLink, ScpiOptions, numbers
-from torquebench.bench.roles import CHANNELS, SIDES
+from torquebench.bench.roles import CHANNELS, SIDES, Side
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.signals import Record
-
-__all__ = ["PLUGIN", "ScpiCounter", "ScpiReadout"]
 
 SETUP = (
     "ABOR",

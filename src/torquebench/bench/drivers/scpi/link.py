@@ -16,8 +16,6 @@ from torquebench.errors import BenchError
 from torquebench.message import Message
 from torquebench.units import MS_PER_S
 
-__all__ = ["NO_NUMBER", "ScpiAddress", "ScpiLink", "ScpiOptions", "numbers"]
-
 NO_NUMBER = 9.91e37
 """Number that SCPI instruments send for "not a number" (SCPI-1999, 7.2.1.5)."""
 LONGEST_QUEUE = 100

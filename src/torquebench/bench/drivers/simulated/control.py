@@ -16,20 +16,11 @@ from numpy.typing import NDArray
 
 from torquebench.bench.certificates.encoder import EncoderCertificate
 from torquebench.bench.certificates.torque import ReferenceCertificate
-from torquebench.bench.drivers.base import Mounting, Seating, Side
 from torquebench.bench.drivers.links import Link, WireError, split_address
-from torquebench.bench.roles import MOUNTINGS, SIDES
+from torquebench.bench.roles import MOUNTINGS, SIDES, Mounting, Seating, Side
 from torquebench.errors import BenchError, InterlockError
 from torquebench.message import Message
 from torquebench.reducers import CertifiedFriction
-
-__all__ = [
-    "SimulatedOperator",
-    "SimulatedTruth",
-    "SimulationControl",
-    "simulated_certificates",
-    "simulated_encoder_certificates",
-]
 
 LONGEST_LINE = 1_000_000
 

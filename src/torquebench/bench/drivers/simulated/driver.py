@@ -17,26 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from torquebench.bench.blocks import KEPT_S
+from torquebench.bench.blocks import KEPT_S, Block
 from torquebench.bench.certificates.encoder import EncoderCertificate
 from torquebench.bench.certificates.torque import ReferenceCertificate
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.drivers.base import (
+from torquebench.bench.drivers.base import DriveLimits, DriverSet, DriveState, Identity
+from torquebench.bench.drivers.simulated.readout import SimulatedReadout
+from torquebench.bench.roles import (
     SIDES,
-    Block,
-    DriveLimits,
-    DriverSet,
-    DriveState,
-    Identity,
     Mode,
     Mounting,
     RailPosition,
     Seating,
     Side,
+    angle_channel,
     torque_channel,
 )
-from torquebench.bench.drivers.simulated.readout import SimulatedReadout
-from torquebench.bench.roles import angle_channel
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.reducers import CertifiedFriction, ReducerDescription
@@ -53,8 +49,6 @@ from torquebench.twin import (
 )
 from torquebench.units import KHZ
 from torquebench.validation import validated
-
-__all__ = ["SimulatedBench", "SimulatedDrive", "SimulatedOptions", "open_simulated"]
 
 RAMP_STEP_S = 0.01
 TRUTH_RATE_HZ = 1000.0

@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from torquebench.bench.blocks import Block
 from torquebench.bench.description import BenchDescription, StandardDescription
-from torquebench.bench.drivers.base import Block, Identity
+from torquebench.bench.drivers.base import Identity
 from torquebench.bench.roles import SIDES, Side, reference_channel
 from torquebench.signals import FrequencyCounter, Record
-
-__all__ = ["SimulatedReadout"]
 
 
 class SimulatedReadout:

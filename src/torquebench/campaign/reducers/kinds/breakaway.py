@@ -38,8 +38,6 @@ from torquebench.reducers import (
 )
 from torquebench.units import DEGREE
 
-__all__ = ["BACK_DRIVING", "STARTING"]
-
 FloatArray = NDArray[np.float64]
 
 PRESLIDING_RAD: dict[Side, float] = {"input": 0.5 * DEGREE, "output": 0.05 * DEGREE}

@@ -12,8 +12,6 @@ from sqlalchemy import Column, ForeignKey, Index, MetaData, Table
 
 from torquebench.records.registry.entries import metadata
 
-__all__ = ["add_columns", "create_tables"]
-
 
 def create_tables(columns: Mapping[str, str]) -> None:
     """Create append-only tables with the named columns, and their indexes."""

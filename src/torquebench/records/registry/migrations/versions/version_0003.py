@@ -2,8 +2,6 @@
 
 from torquebench.records.registry.migrations.steps import create_tables
 
-__all__ = ["upgrade"]
-
 revision = "0003"
 down_revision = None
 

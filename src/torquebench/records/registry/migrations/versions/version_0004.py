@@ -2,8 +2,6 @@
 
 from torquebench.records.registry.migrations.steps import add_columns
 
-__all__ = ["upgrade"]
-
 revision = "0004"
 down_revision = "0003"
 
