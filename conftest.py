@@ -37,7 +37,7 @@ _REFERENCE_DATA = Path(
     os.environ.get("TORQUEBENCH_REFERENCE_DATA", _REPOSITORY.parent / "shared" / "data")
 )
 
-for _profile, _examples in (("torquebench", 30), ("nightly", 300)):
+for _profile, _examples in (("torquebench", 10), ("nightly", 300)):
     settings.register_profile(
         _profile,
         deadline=None,

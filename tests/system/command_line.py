@@ -23,6 +23,7 @@ from torquebench.bench.description import DEFAULT_BENCH
 
 COMMAND = str(Path(sys.executable).parent / "torquebench")
 TIMEOUT_S = 240.0
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def environment(**changes: str) -> dict[str, str]:
@@ -33,29 +34,25 @@ def environment(**changes: str) -> dict[str, str]:
 @functools.cache
 def prepared() -> PreparedCommands:
     ours = {k: v for k, v in environment().items() if not k.startswith("TORQUEBENCH_")}
+    ours["PYTHONPATH"] = os.pathsep.join([str(ROOT), ours["PYTHONPATH"]])  # for code of tests
     commands = PreparedCommands(ours | {"TORQUEBENCH_PRIORITY": "usual"})  # whoever asks first
     atexit.register(commands.close)
     return commands
 
 
 def run(*arguments: object, cwd: Path, **changes: str) -> subprocess.CompletedProcess[str]:
-    """Run the command to its end, output and messages apart.
+    """Run the command to its end, from a process that has imported everything.
 
-    With changes of its environment it is started as a user does, otherwise from a process that has
-    imported everything.
+    Output and messages are apart; `changes` are those of its environment.
     """
-    if not changes:
-        command = [COMMAND, *map(str, arguments)]
-        return prepared().run(command, cwd, environment(), TIMEOUT_S)
-    return subprocess.run(
-        [COMMAND, *map(str, arguments)],
-        cwd=cwd,
-        env=environment(**changes),
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT_S,
-        check=False,
-    )
+    command = [COMMAND, *map(str, arguments)]
+    return prepared().run(command, cwd, environment(**changes), TIMEOUT_S)
+
+
+def run_python(code: str, *arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run Python's code to its end, from the process that commands come from."""
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return prepared().run(command, cwd, environment(), TIMEOUT_S)
 
 
 def laboratory(data: Path, *, people: str = "", policy: str = "state") -> None:
@@ -82,13 +79,15 @@ def patient_bench(folder: Path, safety: str = "") -> Path:
 
 @contextlib.contextmanager
 def started(
-    *arguments: object, cwd: Path, fresh: bool = False
+    *arguments: object, cwd: Path, fresh: bool = False, python: bool = False
 ) -> Iterator[RunningCommand | subprocess.Popen[str]]:
     """Start the command without a terminal; it is gone when the block ends.
 
-    It is prepared as `run` is, unless it is to be started afresh, as a user does.
+    It is prepared as `run` is, unless it is to be started afresh, as a user does. With `python` the
+    first argument is Python's code.
     """
-    command = [COMMAND, *map(str, arguments)]
+    command = [sys.executable, "-c"] if python else [COMMAND]
+    command += map(str, arguments)
     process = (
         subprocess.Popen(
             command,

@@ -1,4 +1,4 @@
-"""Kills calibrations in child processes after so many acknowledged points; run as a script.
+"""Kills calibrations in child processes after so many acknowledged points.
 
 Imports once, then forks a child for every moment. What the child had acknowledged is counted
 from outside, in its events, right before SIGKILL.
@@ -19,6 +19,8 @@ from torquebench.campaign.calibrating import measure_calibration
 from torquebench.errors import TorquebenchError
 from torquebench.station import Station
 
+KILLED = "from tests.system.killed_calibrations import main; main()"
+"""Code for `run_python` with the arguments of `main`."""
 STEP_PERCENT = 20.0
 """Ten points a series, falling ones included."""
 ADAPTIVE = load_profile("adaptive").with_options(points=48)
@@ -71,7 +73,3 @@ def main() -> None:
             os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         print(json.dumps([name, seen]), flush=True)
-
-
-if __name__ == "__main__":
-    main()

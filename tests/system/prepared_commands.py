@@ -3,7 +3,8 @@
 Importing what a command needs takes seconds of a processor, loading the kernels of the simulated
 bench another; both say nothing new the hundredth time. So a process does it once and forks for
 every command: `PreparedCommands.run` is what `subprocess.run` is otherwise, and
-`PreparedCommands.start` what `subprocess.Popen` is. Run as a script, this file is that process.
+`PreparedCommands.start` what `subprocess.Popen` is. Commands are those of torquebench, and Python
+with `-c`. Run as a script, this file is that process.
 """
 
 import atexit
@@ -232,6 +233,7 @@ def next_command(listening: socket.socket) -> list[str]:
         os.chdir(asked["cwd"])
         os.environ.clear()
         os.environ.update(asked["environment"])
+        vars(OPERATIONS).pop("_added", None)  # the environment may name files with others
         command: list[str] = asked["command"]
         return command
 
@@ -257,10 +259,16 @@ def leave(code: int) -> None:
 
 if __name__ == "__main__":
     from torquebench.cli import main
+    from torquebench.operations import OPERATIONS
 
     prepare()
     sys.argv = next_command(socket.socket(fileno=int(sys.argv[1])))
     try:
+        if sys.argv[:2] == [sys.executable, "-c"]:
+            code = sys.argv[2]
+            sys.argv[:3] = ["-c"]
+            exec(code, {"__name__": "__main__"})
+            leave(0)
         main()
     except SystemExit as end:
         leave(int(end.code or 0))

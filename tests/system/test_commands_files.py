@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pytest
 from tests.system.command_line import run, widest_line
 
 
@@ -83,6 +84,7 @@ def test_fit_apply_verify(tmp_path: Path) -> None:
     assert "this isn't a verification" in " ".join(own.stderr.split())
 
 
+@pytest.mark.nightly
 def test_all_kinds_are_compared_on_demand(tmp_path: Path) -> None:
     write_table(tmp_path / "data.csv", seed=1)
     arguments = ("fit", "data.csv", "--model", "polynomial-2", "--compare")

@@ -7,8 +7,6 @@ interrupted run. Words that stand for a reader's own names are replaced; nothing
 import itertools
 import re
 import shutil
-import subprocess
-import sys
 import unicodedata
 from collections.abc import Callable, Iterator
 from importlib import resources
@@ -17,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.support.draws import nightly
-from tests.system import killed_calibrations
-from tests.system.command_line import environment
+from tests.system.command_line import run_python
+from tests.system.killed_calibrations import KILLED
 from tests.system.test_documentation_snippets import (
     ALLOWED,
     OF_OTHERS,
@@ -53,6 +51,9 @@ WITHOUT_END = {"measure": ("--count", "1")}
 """Commands that go on until Ctrl-C, and what ends them."""
 LONG = ("adaptive", "small-torques", "--repeats", "harmonic-20", "dynamics")
 """Long on a bench and run by tests of their own: here a dry run asks every limit and interlock."""
+WITHOUT_RECORDS = ("issue-a-certificate", "evaluate-an-external-calibration")
+"""Pages whose reader begins with an empty data directory."""
+BY_DAY = "docs/how-to/evaluate-an-external-calibration.md"
 PLACES = {"/mnt/backup/bench-4": "backup", "FOLDER": "exported", "T40B-1234": "SIM-T2000"}
 
 
@@ -78,8 +79,8 @@ def worked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TORQUEBENCH_DATA", str(data))
         for words in (
-            ["calibrate", "output", "--step", "20", "--yes"],
-            ["calibrate", "output", "--step", "20", "--yes"],
+            ["calibrate", "output", "--step", "20", "--model", "hybrid", "--yes"],
+            ["calibrate", "output", "--step", "20", "--model", "polynomial", "--yes"],
             ["verification", "output", "--groups", "2", "--points", "6"],
         ):
             code, told = run(words, patch)
@@ -91,36 +92,33 @@ def worked(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Data directories whose only calibration was killed in its second series."""
     folder = tmp_path_factory.mktemp("killed")
-    child = subprocess.run(
-        [sys.executable, killed_calibrations.__file__, str(folder), "events-12", "events-13"],
-        env=environment(PYTHONPATH=str(ROOT)),
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=240,
-    )
+    child = run_python(KILLED, folder, "events-12", "events-13", cwd=folder)
     assert child.returncode == 0, child.stderr
     return folder
 
 
 @pytest.fixture
 def reader(
-    worked: Path, killed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    request: pytest.FixtureRequest,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> Callable[[str], Path]:
     """Return what makes the folder of a page's reader, with the files that the page names."""
 
     def folder(page: str) -> Path:
-        shutil.copytree(worked, tmp_path / "data")
+        name = Path(page).stem
+        if name in WITHOUT_RECORDS:
+            (tmp_path / "data").mkdir()
+        else:
+            shutil.copytree(request.getfixturevalue("worked"), tmp_path / "data")
         (tmp_path / "examples").symlink_to(ROOT / "examples")
         (tmp_path / "bench.toml").symlink_to(ROOT / "examples" / "bench.toml")
-        name = Path(page).stem
         if name == "resume-a-calibration":
+            killed = request.getfixturevalue("killed")
             for place, events in (("data", "events-12"), ("discarded", "events-13")):
                 shutil.rmtree(tmp_path / place, ignore_errors=True)
                 shutil.copytree(killed / events, tmp_path / place)
         elif name == "issue-a-certificate":
-            shutil.rmtree(tmp_path / "data")
-            (tmp_path / "data").mkdir()
             (tmp_path / "data" / "laboratory.toml").write_text(blocks(page, "toml")[0], "utf-8")
         elif name == "evaluate-an-external-calibration":
             external_table(tmp_path)
@@ -219,7 +217,7 @@ def test_commands_of_the_pages_have_these_options() -> None:
 
 
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("page", [BENCH_PAGES[0], *map(nightly, BENCH_PAGES[1:])])
+@pytest.mark.parametrize("page", [BY_DAY, *map(nightly, sorted({*BENCH_PAGES} - {BY_DAY}))])
 def test_every_command_of_a_page_runs(
     page: str, reader: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:

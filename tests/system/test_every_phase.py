@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from tests import postgresql_server
+from tests.support.draws import nightly
 from tests.system.command_line import run
 from tests.system.interrupted_phases import one_phase, stopped
 
@@ -20,13 +21,13 @@ SEED = 3
 @pytest.mark.parametrize(
     ("event", "phase", "named"),
     [
-        ("disk full", "prepare", "interrupted"),
-        ("killed", "sealed", "measured"),
         ("killed", "register certificate", ""),
         ("disk full", "register", "measured"),
-        pytest.param("killed", "register model", "measured", marks=pytest.mark.nightly),
-        pytest.param("killed", "register check", "measured", marks=pytest.mark.nightly),
-        pytest.param("disk full", "seal", "measured", marks=pytest.mark.nightly),
+        nightly("disk full", "prepare", "interrupted"),
+        nightly("killed", "sealed", "measured"),
+        nightly("killed", "register model", "measured"),
+        nightly("killed", "register check", "measured"),
+        nightly("disk full", "seal", "measured"),
     ],
 )
 def test_what_something_has_come_between_is_found_and_finished(
@@ -44,7 +45,7 @@ if postgresql_server.binaries() is not None or os.environ.get("CI"):
         with postgresql_server.restartable() as found:
             yield found
 
-    @pytest.mark.parametrize("phase", ["measure", "register"])
+    @pytest.mark.parametrize("phase", [nightly("measure"), "register"])
     def test_a_restart_of_the_database_costs_nothing(
         tmp_path: Path, server: postgresql_server.Server, phase: str
     ) -> None:

@@ -1,10 +1,10 @@
 import json
-import subprocess
-import sys
 import textwrap
 from pathlib import Path
 
 import pytest
+from tests.support.draws import nightly
+from tests.system.command_line import run_python
 
 from torquebench.records import RunFolder
 
@@ -57,13 +57,7 @@ STARVED = ("acquisition stalled", "heartbeat missing", "drive fault")
 
 
 def filled(data: Path, pace: str) -> tuple[str, bool, bool, float, str, str]:
-    child = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(SCRIPT), str(data), pace],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=600,
-    )
+    child = run_python(textwrap.dedent(SCRIPT), data, pace, cwd=data.parent)
     assert child.returncode == 0, child.stderr
     found: tuple[str, bool, bool, float, str, str] = tuple(
         json.loads(child.stdout.splitlines()[-1])
@@ -72,7 +66,7 @@ def filled(data: Path, pace: str) -> tuple[str, bool, bool, float, str, str]:
 
 
 @pytest.mark.timeout(2400)
-@pytest.mark.parametrize("pace", ["fast", "real"])
+@pytest.mark.parametrize("pace", ["fast", nightly("real")])
 def test_a_full_disk_is_an_alarm_and_a_safe_stop_without_a_gap(tmp_path: Path, pace: str) -> None:
     for attempt in range(TRIES if pace == "real" else 1):
         message, safe, enabled, torque_nm, alarm, folder = filled(tmp_path / str(attempt), pace)

@@ -3,8 +3,6 @@
 import os
 import re
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +11,7 @@ from typing import Any
 
 import pytest
 from tests.support.draws import nightly
-from tests.system.command_line import environment, wait_until
+from tests.system.command_line import started, wait_until
 from tests.system.networked import simulating
 from tests.system.panel_api import SLOW, administrator, serving
 
@@ -49,19 +47,11 @@ with Station.open(Path(sys.argv[1]), Path(sys.argv[2])) as station:
 @contextmanager
 def ramping(folder: Path, bench: Path, control: SimulationControl) -> Iterator[Any]:
     """Start a process that loads to 700 N·m and goes on to 2000; yield it beyond 900 N·m."""
-    command = [sys.executable, "-c", LOADING, str(bench), str(folder / "data"), str(RATE)]
-    root = str(Path(__file__).resolve().parents[2])
-    path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
-    with subprocess.Popen(
-        command, env=environment(PYTHONPATH=path), cwd=folder, stdout=subprocess.PIPE, text=True
-    ) as process:
-        try:
-            assert process.stdout is not None
-            assert any(line.strip() == "loaded" for line in process.stdout)
-            wait_until(lambda: output(control)["torque_nm"] > 900.0, "the ramp")
-            yield process
-        finally:
-            process.kill()
+    with started(LOADING, bench, folder / "data", RATE, cwd=folder, python=True) as process:
+        assert process.stdout is not None
+        assert any(line.strip() == "loaded" for line in process.stdout)
+        wait_until(lambda: output(control)["torque_nm"] > 900.0, "the ramp")
+        yield process
 
 
 def output(control: SimulationControl) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.support.draws import nightly
 from tests.system.command_line import run, widest_line
 from tests.system.networked import (
     canopen,
@@ -24,7 +25,7 @@ from tests.system.networked import (
 from tests.system.test_station_runs import staircase
 
 from torquebench.bench.certificates.encoder import encoder_certificates
-from torquebench.bench.description import load_bench
+from torquebench.bench.description import BenchDescription, load_bench
 from torquebench.bench.drivers.simulated.control import SimulationControl
 from torquebench.bench.drivers.simulated.driver import open_simulated
 from torquebench.cli.doctor.bench import drives, instruments
@@ -35,7 +36,7 @@ from torquebench.station import Station
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "networked.toml"
 
 
-@pytest.fixture(params=["scpi", "nidaqmx", "nidaqmx-with-reference"])
+@pytest.fixture(params=["scpi", nightly("nidaqmx"), "nidaqmx-with-reference"])
 def simulators(request: pytest.FixtureRequest) -> Iterator[Simulators]:
     sections: dict[str, Any] = {}
     if request.param == "nidaqmx":
@@ -73,7 +74,10 @@ def test_a_staircase_over_sockets_states_the_true_torque(station: Station) -> No
     assert record.metadata["counter_identity"] == station.drivers.counter.clock_identity
 
 
-def test_a_frozen_counter_brings_the_bench_to_its_safe_state(
+@pytest.mark.parametrize(
+    "simulators", ["scpi", nightly("nidaqmx"), nightly("nidaqmx-with-reference")], indirect=True
+)
+def test_a_lying_drive_brings_the_bench_to_its_safe_state(
     station: Station, simulators: Simulators
 ) -> None:
     station.run(staircase(station.devices, [0.0, 200.0]), kind="load")
@@ -256,7 +260,12 @@ def test_doctor_notices_a_drive_without_a_watchdog(
 ) -> None:
     with Simulators(described(counter=daqmx())) as running:
         monkeypatch.setattr(running.plant.bench, "_watch", lambda _: None)
-        found = {finding.what: finding for finding in drives(running.description, tmp_path)}
+        document = running.description.model_dump()
+        for side in ("input", "output"):
+            document[side]["drive"]["watchdog_s"] = 4.0
+            document["driver"][f"{side}_drive"]["timeout_s"] = 1.9
+        description = BenchDescription.model_validate(document)
+        found = {finding.what: finding for finding in drives(description, tmp_path)}
     assert found["input watchdog"].state == "problem"
     assert "last line of defence" in found["input watchdog"].remedy
     assert found["input stop"].state == found["output stop"].state == "ok"

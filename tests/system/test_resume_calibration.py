@@ -1,9 +1,6 @@
 import json
-import os
 import random
 import shutil
-import subprocess
-import sys
 import threading
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -11,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.system import killed_calibrations
-from tests.system.command_line import environment, run
+from tests.system.command_line import run, run_python
+from tests.system.killed_calibrations import KILLED
 from tests.watching import Watching
 
 from torquebench.bench.audit.chain import AUDIT_FILE
@@ -38,15 +35,7 @@ ADAPTIVE = ("adaptive-20", "adaptive-32")
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, int]]:
     folder = tmp_path_factory.mktemp("killed")
-    root = Path(__file__).resolve().parents[2]
-    child = subprocess.run(
-        [sys.executable, killed_calibrations.__file__, str(folder), *MOMENTS, *ADAPTIVE],
-        env=environment(PYTHONPATH=f"{root}{os.pathsep}{root / 'src'}"),
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=240,
-    )
+    child = run_python(KILLED, folder, *MOMENTS, *ADAPTIVE, cwd=folder)
     assert child.returncode == 0, child.stderr
     seen = dict(json.loads(line) for line in child.stdout.splitlines())
     return {name: (folder / name, seen[name]) for name in (*MOMENTS, *ADAPTIVE)}

@@ -1,16 +1,14 @@
 """A calibration killed at any stage, with any options, ends as the uninterrupted one does."""
 
-import os
 import random
 import signal
-import subprocess
-import sys
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.system.command_line import environment, run
+from tests.support.draws import nightly
+from tests.system.command_line import run, run_python
 
 from torquebench.compensation import load_model
 from torquebench.records import Registry, RunFolder
@@ -46,9 +44,8 @@ if stage == "register":
     calibrating.register_calibration = die
 app(arguments)
 """
-STAGES = ["event 4", "fit"]
-"""While points are measured, and when all are; those between are gone through nightly."""
-NIGHTLY = ["start", "event 1", "event 7", "stop", "seal", "sealed", "register"]
+NIGHTLY = ["start", "event 1", "event 7", "stop", "seal", "sealed", "fit", "register"]
+"""Beside the stage while points are measured."""
 MODELS = [
     ("--model", "polynomial"),
     ("--model", "polynomial", "--parameter", "degree=3"),
@@ -66,7 +63,7 @@ CHOICES: list[list[tuple[str, ...]]] = [
 
 def drawn(stage: str) -> list[str]:
     """Return options of the command, others for each stage."""
-    draw = random.Random(f"{stage} 84")  # both stages by day get a parameter and a mounting
+    draw = random.Random(f"{stage} 84")  # that of the day gets a parameter and a mounting
     return [each for choices in CHOICES for each in draw.choice(choices)]
 
 
@@ -93,20 +90,11 @@ def outcome(data: Path) -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize(
-    "stage", [*STAGES, *(pytest.param(stage, marks=pytest.mark.nightly) for stage in NIGHTLY)]
-)
+@pytest.mark.parametrize("stage", ["event 4", *map(nightly, NIGHTLY)])
 def test_a_killed_calibration_ends_as_the_uninterrupted_one(stage: str, tmp_path: Path) -> None:
     killed, whole, options = tmp_path / "killed", tmp_path / "whole", drawn(stage)
     command = ["calibrate", "output", *options, "--yes"]
-    root = str(Path(__file__).resolve().parents[2])
-    child = subprocess.run(
-        [sys.executable, "-c", KILLED, stage, *command, "--data", str(killed)],
-        env=environment(PYTHONPATH=os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    child = run_python(KILLED, stage, *command, "--data", killed, cwd=tmp_path)
     assert child.returncode == -signal.SIGKILL, child.stderr
     for arguments in (
         [*command, "--data", str(whole)],

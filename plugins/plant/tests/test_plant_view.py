@@ -3,7 +3,6 @@
 import contextlib
 import os
 import re
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import httpx
 import pytest
 from plugins.plant.tests.plant_bench import filled
 from tests import postgresql_server
-from tests.system.command_line import COMMAND, TIMEOUT_S, environment
+from tests.system.command_line import COMMAND, TIMEOUT_S, environment, prepared, run
 
 from torquebench.records import Registry
 from torquebench_plant import Plant, forward
@@ -37,16 +36,15 @@ def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 @contextlib.contextmanager
 def served(*options: str, **changes: str) -> Iterator[str]:
     command = [COMMAND, "plant", "view", "--port", "0", *options]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, text=True, env=environment(**changes), cwd="/"
-    ) as process:
-        try:
-            assert process.stdout is not None
-            found = re.search(r"http://\S+", process.stdout.readline())
-            assert found is not None
-            yield found[0]
-        finally:
-            process.terminate()
+    process = prepared().start(command, Path("/"), environment(**changes))
+    try:
+        assert process.stdout is not None
+        found = re.search(r"http://\S+", process.stdout.readline())
+        assert found is not None
+        yield found[0]
+    finally:
+        process.kill()
+        process.communicate()
 
 
 def test_the_plant_is_read_without_a_bench(reader: str, tmp_path: Path) -> None:
@@ -96,15 +94,7 @@ def test_a_password_is_asked_for_where_others_can_read(reader: str) -> None:
         assert httpx.get(url, auth=("anybody", "wrong"), timeout=TIMEOUT_S).status_code == 401
         assert httpx.get(url, auth=("anybody", "secret"), timeout=TIMEOUT_S).status_code == 200
         assert httpx.get(f"{url}/runs.csv", timeout=TIMEOUT_S).status_code == 401
-    command = [COMMAND, "plant", "view", "--host", "0.0.0.0", "--insecure-network", "--port", "0"]
-    done = subprocess.run(
-        [*command, "--plant", reader],
-        capture_output=True,
-        text=True,
-        env=environment(),
-        cwd="/",
-        timeout=240,
-        check=False,
-    )
+    everywhere = ("--host", "0.0.0.0", "--insecure-network", "--port", "0")
+    done = run("plant", "view", *everywhere, "--plant", reader, cwd=Path("/"))
     assert done.returncode == 2
     assert "TORQUEBENCH_VIEW_PASSWORD" in done.stderr

@@ -15,6 +15,7 @@ import pytest
 from plugins.plant.tests.plant_bench import add_run, backlash_results, calibration_results
 from sqlalchemy import text
 from tests import postgresql_server
+from tests.support.draws import nightly
 from tests.system.command_line import run, widest_line
 
 from torquebench.campaign.reducers.results import plain_budget
@@ -239,10 +240,10 @@ def test_a_folder_that_no_evaluation_expects_holds_up_no_other(
     ("kind", "results", "said"),
     [
         ("test-hysteresis", backlash_results("S-1"), "no budget of backlash"),
-        ("test-hysteresis", {"quantities": [{}]}, "a value key is missing; reevaluation.py"),
-        ("test-hysteresis", None, "has no quantities"),
+        nightly("test-hysteresis", {"quantities": [{}]}, "a value key is missing; reevaluation.py"),
+        nightly("test-hysteresis", None, "has no quantities"),
         ("calibrate-output", calibration_results(), "has no document of its start"),
-        ("calibrate-output", {"data": {}}, "has other columns"),
+        nightly("calibrate-output", {"data": {}}, "has other columns"),
         ("verify-output", {"serial": "S-1"}, "holds no points"),
     ],
 )

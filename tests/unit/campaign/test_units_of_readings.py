@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import Result
+from tests.support import draws
 from typer.testing import CliRunner
 
 from torquebench.cli import app
@@ -30,7 +31,6 @@ TORQUES = {
     "MN·m": 1e6,
 }
 """N·m in one of each."""
-TABLES = 60
 
 
 def run(*arguments: str) -> Result:
@@ -83,7 +83,7 @@ def drawn(seed: int) -> Drawn:
     return Drawn(unit, gain, zero, ["--sensitivity", text], torque, value)
 
 
-@pytest.mark.parametrize("seed", range(TABLES))
+@pytest.mark.parametrize("seed", draws.drawn(60, by_day=12))
 def test_a_model_keeps_the_unit_of_its_readings(tmp_path: Path, seed: int) -> None:
     chain = drawn(seed)
     table, model, out = (tmp_path / name for name in ("t.csv", "m.json", "o.csv"))

@@ -26,7 +26,8 @@ NOT_ASKED = {
 EXPECTED_TO_FAIL: dict[str, dict[str, str]] = {}
 
 
-BY_DAY = (RECOMMENDED, "polynomial")
+DECLARED = {"range_nm": 1e4}
+BY_DAY = ((RECOMMENDED, DECLARED), ("polynomial", {}))
 """The other kinds share their interface with these two."""
 
 
@@ -43,7 +44,7 @@ def quick(kind: str, **parameters: Any) -> CompensationModel:
 def all_checks() -> Iterator[Any]:
     for kind in sorted({*MODELS, *NETWORKS} - {"network"}):
         # With the range of the data; the default also with a declared one that no set exceeds.
-        for parameters in ({}, {"range_nm": 1e4}) if kind == RECOMMENDED else ({},):
+        for parameters in ({}, DECLARED) if kind == RECOMMENDED else ({},):
             model = quick(kind, **parameters)
             with warnings.catch_warnings():
                 # It is one without inheriting, so that using a model doesn't import scikit-learn.
@@ -55,7 +56,7 @@ def all_checks() -> Iterator[Any]:
                     continue
                 reason = EXPECTED_TO_FAIL.get(kind, {}).get(name)
                 marks = [pytest.mark.xfail(reason=reason, strict=True)] if reason else []
-                marks += [] if kind in BY_DAY else [pytest.mark.nightly]
+                marks += [] if (kind, parameters) in BY_DAY else [pytest.mark.nightly]
                 label = f"{kind}-{'declared' if parameters else 'from-data'}-{name}"
                 yield pytest.param(estimator, check, id=label, marks=marks)
 

@@ -76,7 +76,7 @@ def test_scatter_follows_noise_that_grows_with_the_load() -> None:
     at = np.array([100.0, 1900.0])
     growing, even = (
         np.mean(
-            [fitted(Chain("", seed, LINEAR, noise), 200).scatter_at(at) for seed in range(4)], 0
+            [fitted(Chain("", seed, LINEAR, noise), 200).scatter_at(at) for seed in range(2)], 0
         )
         for noise in (Noise(growth=6.0), Noise())
     )
@@ -142,7 +142,7 @@ def test_an_unknown_branch_is_the_middle_of_both_and_less_certain() -> None:
     assert np.all(std >= np.abs(half))
 
 
-@settings(max_examples=8)
+@settings(max_examples=3)
 @given(factor=st.floats(1e-3, 1e3))
 def test_the_unit_of_torque_does_not_matter(factor: float) -> None:
     data = make_chain("power-law", 7).calibration(40)
@@ -156,7 +156,7 @@ def test_the_unit_of_torque_does_not_matter(factor: float) -> None:
         np.testing.assert_allclose(value, factor * wanted, rtol=1e-5, atol=2e-5 * factor)
 
 
-@settings(max_examples=8)
+@settings(max_examples=3)
 @given(seed=st.integers(0, 10_000))
 def test_the_order_of_the_rows_does_not_matter(seed: int) -> None:
     data = make_chain("kinked", 7).calibration(40)
@@ -261,7 +261,7 @@ def test_a_narrow_reversal_step_is_found_where_torques_lie_on_its_slope() -> Non
 def test_a_plain_quadratic_is_recognised_as_one() -> None:
     """Errors are those of the three constants, not of all that a chain might have shown."""
     ratios, inside = [], []
-    for seed in range(12):
+    for seed in range(6):
         chain = make_chain("plain", seed)
         data, dense = chain.calibration(50), chain.dense(100)
         model = HybridModel(range_nm=chain.range_nm).fit(data.X, data.standard_nm)

@@ -33,8 +33,8 @@ def repeated(seed: int, repeats: int = 2, noise: float = 0.3) -> tuple[np.ndarra
 
 
 def test_a_form_that_fits_is_never_called_worse() -> None:
-    scores = [compare(*repeated(seed), FAST).score("polynomial-2") for seed in range(12)]
-    assert sum("worse" not in score.reason for score in scores) >= 10
+    scores = [compare(*repeated(seed), FAST).score("polynomial-2") for seed in range(6)]
+    assert sum("worse" not in score.reason for score in scores) >= 5
 
 
 def test_a_better_model_wins_over_a_simpler_one() -> None:

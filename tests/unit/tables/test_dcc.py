@@ -24,6 +24,7 @@ from tests.digital_certificates import (
     quantity,
     tag,
 )
+from tests.support import draws
 
 from torquebench.bench.certificates.torque import read_uncertainty
 from torquebench.errors import InputError
@@ -145,8 +146,8 @@ def drawn(seed: int) -> tuple[str, list[list[str]], dict[float, float]]:
     return version, list(tables()), known
 
 
-@pytest.mark.parametrize("seed", range(60))
-def test_sixty_certificates_of_every_release(tmp_path: Path, seed: int) -> None:
+@pytest.mark.parametrize("seed", draws.drawn(60, by_day=15))
+def test_certificates_of_every_release(tmp_path: Path, seed: int) -> None:
     """Units, coverage factors, directions, orders, forms of U, lists beside them are drawn."""
     version, lists, known = drawn(seed)
     xml = certificate(version, *lists)

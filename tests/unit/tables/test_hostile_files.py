@@ -14,6 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from tests.hostile_files import FILES
+from tests.support.draws import nightly
 from tests.support.uploads import evaluated
 
 from torquebench.errors import InputError
@@ -42,26 +43,29 @@ def peak_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
+def _compensated(source: Path, folder: Path) -> None:
+    compensate_file(source, folder / "out.csv", lambda block: (block.reading_nm,) * 3)
+
+
+def _uploaded(source: Path, _: Path) -> None:
+    with source.open("rb") as file:
+        evaluated(file.read(LARGEST_FILE + 1), source.name)
+
+
+def _calibrated(source: Path, _: Path) -> None:
+    read_calibration(source)
+
+
 @pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("read", [_uploaded, *map(nightly, (_compensated, _calibrated))])
 def test_what_expands_is_refused_and_nothing_is_written(
-    hostile: Callable[[str], Path], name: str, tmp_path: Path
+    hostile: Callable[[str], Path], name: str, read: Callable[[Path, Path], None], tmp_path: Path
 ) -> None:
     path, before = hostile(name), peak_mb()
-    target = tmp_path / "out.csv"
-    for read in (
-        read_calibration,
-        lambda source: compensate_file(source, target, lambda block: (block.reading_nm,) * 3),
-        lambda source: evaluated(_content(source), source.name),
-    ):
-        with pytest.raises(InputError, match=WORDS):
-            read(path)
+    with pytest.raises(InputError, match=WORDS):
+        read(path, tmp_path)
     assert not list(tmp_path.iterdir())
     assert peak_mb() - before < MOST_MB
-
-
-def _content(path: Path) -> bytes:
-    with path.open("rb") as file:
-        return file.read(LARGEST_FILE + 1)
 
 
 def test_an_upload_whose_result_would_fill_the_memory_is_refused(tmp_path: Path) -> None:

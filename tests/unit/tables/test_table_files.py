@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 from asammdf import MDF, Signal
 from nptdms import ChannelObject, RootObject, TdmsWriter
+from tests.support.draws import nightly
 from tests.watching import Watching
 
 from torquebench.chain.readings import MEASURED
@@ -128,7 +129,7 @@ def test_units_come_from_headers_or_properties_and_channels_go_by_name(
         read_calibration(path, mapping=["reading=Drehmoment[Nm]"])
 
 
-@pytest.mark.parametrize("ending", ["parquet", "tdms", "mf4", "h5"])
+@pytest.mark.parametrize("ending", ["parquet", "tdms", nightly("mf4"), "h5"])
 def test_every_quantity_of_readings_is_a_column_in_its_unit(tmp_path: Path, ending: str) -> None:
     """A name such as acceleration_rad_s2 and its stated unit agree."""
     path, values = tmp_path / f"readings.{ending}", [1.0, 2.0, 3.0]
@@ -348,7 +349,7 @@ def test_a_missing_package_is_named_with_its_extra(
         read_table(tmp_path / f"a.{ending}")
 
 
-@pytest.mark.parametrize("ending", ["xlsx", "tdms", "mf4", "h5", "parquet"])
+@pytest.mark.parametrize("ending", ["xlsx", "tdms", nightly("mf4"), "h5", "parquet"])
 def test_what_is_no_such_file(tmp_path: Path, ending: str) -> None:
     path = tmp_path / f"a.{ending}"
     with pytest.raises(InputError, match=f"can't read .*a.{ending}: No such file"):
