@@ -7,6 +7,8 @@ PROJECTS := pyproject.toml constraints.txt $(PLUGINS:%=plugins/%/pyproject.toml)
 # Compiled modules are kept even where the environment forbids it: otherwise every process compiles
 # all that it imports, which takes three to six times as long as what it does.
 export PYTHONDONTWRITEBYTECODE :=
+# One more than processors: a quarter of a worker's time is waiting, for instruments above all.
+WORKERS = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 1)')
 
 .PHONY: run plant test check nightly programs lint types contracts docs kernels pictures \
   tests other-processor clean clean-kernels
@@ -30,7 +32,7 @@ test: programs
 # The daily loop: what needs no browser, no server and no other program.
 check: $(VENV)/.installed-test
 	$(MAKE) --jobs 2 lint types contracts
-	$(BIN)/pytest -n auto --dist worksteal tests/unit
+	$(BIN)/pytest -n $(WORKERS) --dist worksteal tests/unit
 
 # Campaigns, soak tests and demonstrations, and the numbers as on another processor.
 nightly: programs
@@ -69,7 +71,7 @@ pictures: $(VENV)/.installed-test
 # A test that failed beside others runs once more with nothing beside it: some hold a wall clock's
 # time, which a busy machine doesn't. One that passes only alone is named as such, to be mended.
 tests: $(VENV)/.installed-test
-	$(BIN)/pytest -n auto --dist worksteal --durations 20 --durations-min 8 \
+	$(BIN)/pytest -n $(WORKERS) --dist worksteal --durations 20 --durations-min 8 \
 	  || { test $$? -eq 1 && echo "These failed beside others; alone:" \
 	  && $(BIN)/pytest --last-failed --last-failed-no-failures none --exitfirst -v; }
 

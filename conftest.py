@@ -99,6 +99,12 @@ def reference_data() -> Callable[[str], Path]:
     return path
 
 
+@pytest.fixture
+def curve_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fit forms as to few points, without a posterior: most of a fit, where U isn't looked at."""
+    monkeypatch.setattr("torquebench.compensation.discrepancy.FEWEST_POINTS", 1_000_000)
+
+
 _numbers = itertools.count()
 
 

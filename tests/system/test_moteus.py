@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -39,9 +39,10 @@ def drive(peer: MoteusPeer) -> Iterator[Any]:
     found.close()
 
 
-def fed(drive: Any, duration_s: float) -> None:
-    until = time.monotonic() + duration_s
-    while time.monotonic() < until:
+def fed(drive: Any, until: Callable[[], object]) -> None:
+    """Feed a drive until something is so."""
+    deadline = time.monotonic() + 60.0
+    while not until() and time.monotonic() < deadline:
         drive.feed_watchdog()
         time.sleep(0.02)
 
@@ -51,16 +52,14 @@ def test_it_is_stepped_to_torque_speed_and_zero(peer: MoteusPeer, drive: Any) ->
     assert (identity.serial, identity.model) == ("11223344556677880A0B0C0D", "moteus")
     drive.enable()
     drive.command_torque(10.0, 20.0)
-    fed(drive, 0.2)
-    assert 0.0 < peer.torque_nm < 10.0
-    fed(drive, 1.5)
+    fed(drive, lambda: peer.torque_nm >= 10.0)
     assert drive.state().torque_nm == pytest.approx(10.0)
     assert max(np.diff(peer.torques)) <= 20.0 * 0.02 + 1e-6, "no step longer than 20 ms"
     drive.ramp_to_zero(0.1)
-    fed(drive, 1.0)
+    fed(drive, lambda: not drive.state().torque_nm)
     assert drive.state().torque_nm == 0.0
     drive.command_speed(-math.pi, 20.0)
-    fed(drive, 1.0)
+    fed(drive, lambda: drive.state().speed_rad_s == pytest.approx(-math.pi))
     assert drive.state().speed_rad_s == pytest.approx(-math.pi)
     assert drive.position_counts() == 25_000
     assert isinstance(drive, Positioned)

@@ -1,7 +1,7 @@
 """Instruments of PLCs by ADS and S7 against the servers of pyads and python-snap7."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -39,9 +39,10 @@ def drive(plc: Plc) -> Iterator[Drive]:
     found.close()
 
 
-def fed(drive: Drive, duration_s: float) -> None:
-    until = time.monotonic() + duration_s
-    while time.monotonic() < until:
+def fed(drive: Drive, until: Callable[[], object]) -> None:
+    """Feed a drive until something is so."""
+    deadline = time.monotonic() + 60.0
+    while not until() and time.monotonic() < deadline:
         drive.feed_watchdog()
         time.sleep(0.02)
 
@@ -49,13 +50,13 @@ def fed(drive: Drive, duration_s: float) -> None:
 def test_a_drive_ramps_to_torque_and_speed_and_to_zero_by_itself(plc: Plc, drive: Drive) -> None:
     drive.enable()
     drive.command_torque(20.0, 100.0)
-    fed(drive, 0.3)
+    fed(drive, lambda: drive.state().torque_nm == pytest.approx(20.0))
     assert drive.state().torque_nm == pytest.approx(20.0)
     drive.command_speed(-1.5, 5.0)
-    fed(drive, 0.4)
+    fed(drive, lambda: drive.state().speed_rad_s == pytest.approx(-1.5))
     assert drive.state().speed_rad_s == pytest.approx(-1.5)
     drive.ramp_to_zero(0.1)
-    fed(drive, 0.2)
+    fed(drive, lambda: drive.state().torque_nm == drive.state().speed_rad_s == 0.0)
     assert drive.state().torque_nm == drive.state().speed_rad_s == 0.0
     assert isinstance(drive, Positioned)
     assert drive.position_counts() == 4711
@@ -79,8 +80,9 @@ def test_an_unfed_drive_stops_by_itself_and_says_so(plc: Plc, drive: Drive) -> N
     motor = plc.program.motors["Input"]
     with motor.lock:
         motor.starve(motor.watchdog_s)
-    time.sleep(0.05)
-    state = drive.state()
+    deadline = time.monotonic() + 60.0
+    while (state := drive.state()).enabled and time.monotonic() < deadline:
+        time.sleep(0.02)
     assert not state.enabled
     assert "watchdog not fed" in state.fault
     drive.enable()

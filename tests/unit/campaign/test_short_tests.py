@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.support.draws import nightly
 
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.campaign.reducers import comparison
@@ -63,7 +64,7 @@ def test_short_loops_are_marked_and_less_certain_than_full_ones(tmp_path: Path) 
     assert "short" not in render_page(reducer_page(whole)).lower()
 
 
-@pytest.mark.parametrize("name", ["no-load", "efficiency"])
+@pytest.mark.parametrize("name", [nightly("no-load"), "efficiency"])
 def test_a_cold_reducer_counts_in_u(name: str, tmp_path: Path) -> None:
     settings = ReducerTestSettings.short()
     with Station.open(bench(), tmp_path) as station:

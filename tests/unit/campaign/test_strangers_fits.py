@@ -106,7 +106,8 @@ def text(standard: np.ndarray, reading: np.ndarray, unit: str, blank: set[int]) 
     return "\n".join(lines) + "\n", row
 
 
-@pytest.mark.parametrize("seed", drawn(60, by_day=10))
+@pytest.mark.usefixtures("curve_alone")
+@pytest.mark.parametrize("seed", drawn(60, by_day=20))
 def test_wrong_rows_of_random_tables_are_named_by_their_lines(seed: int) -> None:
     """Any unit, range and step; titles and empty lines; the error from 20 scatters on."""
     rng = np.random.default_rng([seed, 33])
@@ -127,7 +128,8 @@ def test_wrong_rows_of_random_tables_are_named_by_their_lines(seed: int) -> None
     assert len(named) <= 2
 
 
-@pytest.mark.parametrize("seed", drawn(60, by_day=10))
+@pytest.mark.usefixtures("curve_alone")
+@pytest.mark.parametrize("seed", drawn(60, by_day=20))
 def test_zeros_that_differ_between_series_are_subtracted_and_named(seed: int) -> None:
     """Of a table read without taring, whose zero moves by 1 to 5 % of full scale or not at all."""
     rng = np.random.default_rng([seed, 2])

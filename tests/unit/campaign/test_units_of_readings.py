@@ -83,6 +83,7 @@ def drawn(seed: int) -> Drawn:
     return Drawn(unit, gain, zero, ["--sensitivity", text], torque, value)
 
 
+@pytest.mark.usefixtures("curve_alone")
 @pytest.mark.parametrize("seed", draws.drawn(60, by_day=12))
 def test_a_model_keeps_the_unit_of_its_readings(tmp_path: Path, seed: int) -> None:
     chain = drawn(seed)

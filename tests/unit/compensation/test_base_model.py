@@ -110,7 +110,8 @@ def test_readings_outside_the_calibrated_range_are_refused(
 
 @given(margin=st.floats(0.0, 0.5), beyond=st.floats(1e-6, 10.0))
 def test_the_margin_is_kept_exactly(margin: float, beyond: float) -> None:
-    model = PolynomialModel(range_nm=100.0, range_margin=margin).fit(READING[:, None], READING)
+    model = PolynomialModel(range_nm=100.0, range_margin=margin)
+    model.fit_curve(READING[:, None], READING)
     limit = 100.0 + margin * 100.0
     model.predict([[limit], [-limit]])
     with pytest.raises(InputError, match="outside the calibrated range"):

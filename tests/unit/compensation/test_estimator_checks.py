@@ -61,6 +61,7 @@ def all_checks() -> Iterator[Any]:
                 yield pytest.param(estimator, check, id=label, marks=marks)
 
 
+@pytest.mark.usefixtures("curve_alone")
 @pytest.mark.parametrize(("estimator", "check"), list(all_checks()))
 def test_scikit_learn_check(
     estimator: CompensationModel, check: Callable[[CompensationModel], None]

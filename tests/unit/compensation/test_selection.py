@@ -63,18 +63,18 @@ def test_the_table_states_each_error_in_three_ways_and_a_reason() -> None:
 
 
 def test_errors_are_those_at_points_that_were_left_out() -> None:
-    X, y = repeated(2)
-    comparison = compare(X, y, ["polynomial-2"], folds=19)
+    X, y = (values[np.tile(np.arange(STEPS.size) % 3 == 0, 2)] for values in repeated(2))
+    comparison = compare(X, y, ["polynomial-2"], folds=5)
     groups = repeat_groups(X[:, 0])
     errors = []
-    for step in range(1, 20):  # the outermost steps are never left out
+    for step in range(1, 6):  # the outermost steps are never left out
         here = groups == step
         model = PolynomialModel(range_nm=float(np.max(np.abs(X)))).fit(X[~here], y[~here])
         errors.extend(model.predict(X[here]) - y[here])
     assert comparison.score("polynomial-2").rms_nm == pytest.approx(
         np.sqrt(np.mean(np.square(errors))), rel=1e-9
     )
-    assert (comparison.folds, comparison.steps, comparison.points) == (19, 21, 38)
+    assert (comparison.folds, comparison.steps, comparison.points) == (5, 7, 10)
 
 
 @given(steps=st.integers(5, 80), repeats=st.integers(1, 4), folds=st.integers(2, 20))

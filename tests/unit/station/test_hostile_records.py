@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from sqlalchemy import Boolean
+from tests.support.draws import nightly
 from tests.unit.station.data_directories import filled_directory
 from typer.testing import CliRunner
 
@@ -121,7 +122,7 @@ def test_a_missing_column_is_named_and_the_rest_is_compared(
 
 
 @pytest.mark.parametrize("name", ["run.json", "manifest.json", "events.jsonl", "results.json"])
-@pytest.mark.parametrize("sealed", [True, False])
+@pytest.mark.parametrize("sealed", [True, nightly(False)])
 def test_any_content_of_a_runs_file_is_named_and_the_rest_is_compared(
     data: Path, name: str, sealed: bool
 ) -> None:

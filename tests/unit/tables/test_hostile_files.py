@@ -68,6 +68,7 @@ def test_what_expands_is_refused_and_nothing_is_written(
     assert peak_mb() - before < MOST_MB
 
 
+@pytest.mark.timeout(1200)
 def test_an_upload_whose_result_would_fill_the_memory_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
     steps = np.tile(np.r_[0.0, 100.0, 200.0, 300.0], 250_000)
