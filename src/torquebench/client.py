@@ -144,7 +144,7 @@ def _result(job: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _value(bench: Mapping[str, Any], signal: str) -> float | None:
-    newest = {entry["name"]: entry for entry in bench["signals"]}
+    newest = bench["signals"]
     if signal not in newest:
         raise RefusedError(
             422,

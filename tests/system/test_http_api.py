@@ -208,7 +208,7 @@ def test_from_calibration_to_certificate(
     assert result["simulated"]
     (module,) = result["modules"]
     number, model = module["calibration_id"], module["models"][0]["model_id"]
-    assert olga.get("/bench").json()["sides"][1]["compensation"] is None
+    assert olga.get("/bench").json()["sides"]["output"]["compensation"] is None
     body = {"side": "output", "calibration": number, "groups": 2, "points": 6}
     body["tolerance_percent_fs"] = 0.5
     verified = _done(olga, olga.post("/operations/verification", json=body))
@@ -225,7 +225,7 @@ def test_from_calibration_to_certificate(
     signed = review | {"password": PASSWORD}
     assert chief.post("/operations/records-review", json=signed).status_code == 200
     assert chief.post("/operations/records-use", json=use).status_code == 200
-    assert chief.get("/bench").json()["sides"][1]["compensation"]["model_id"] == model
+    assert chief.get("/bench").json()["sides"]["output"]["compensation"]["model_id"] == model
     issued = _done(chief, chief.post("/operations/certificate", json=asked))["result"]
     certificate = issued["number"]
     assert issued["unreviewed"] == []
@@ -327,8 +327,8 @@ def test_settings_change_with_a_difference_and_are_undone(admin: httpx.Client) -
     assert [each["key"] for each in shown["differences"]] == ["output.limits.torque_nm"]
     made = admin.put("/settings/bench/bench", json=document).json()
     assert admin.post("/bench/reopen").status_code == 204
-    assert admin.get("/bench").json()["sides"][1]["limit_nm"] == 2100.0
+    assert admin.get("/bench").json()["sides"]["output"]["limit_nm"] == 2100.0
     assert admin.post(f"/changes/{made['number']}/undo", json={}).status_code == 200
     assert admin.post("/bench/reopen").status_code == 204
-    assert admin.get("/bench").json()["sides"][1]["limit_nm"] == 2400.0
+    assert admin.get("/bench").json()["sides"]["output"]["limit_nm"] == 2400.0
     assert admin.get("/changes").json()[0]["undoes"] == made["number"]

@@ -38,9 +38,9 @@ def test_a_person_may_decide_for_it_with_a_reason_on_the_record(tmp_path: Path) 
             unreasoned = chief.post(path, json=chosen | {"despite_contradictions": True})
             assert unreasoned.is_client_error
             assert "without a reason" in unreasoned.text
-            assert chief.get("/bench").json()["sides"][0]["compensation"] is None
+            assert chief.get("/bench").json()["sides"]["input"]["compensation"] is None
             assert chief.post(path, json=despite).status_code == 200
-            used = chief.get("/bench").json()["sides"][0]["compensation"]
+            used = chief.get("/bench").json()["sides"]["input"]["compensation"]
             assert used["model_id"] == model.model_id
     with Registry.open(folder) as registry:
         decision = registry.activations(data.transducer_serial)[-1]

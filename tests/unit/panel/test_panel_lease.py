@@ -1,7 +1,7 @@
 import pytest
 
 from torquebench.panel.service import Actor, LeaseError
-from torquebench.panel.service.access.lease import IDLE_S, CommandLease
+from torquebench.panel.service.access.lease import IDLE_S, PROGRAM_IDLE_S, CommandLease
 
 ANA = Actor("Ana", "operator", "a1")
 ANA_AGAIN = Actor("Ana", "operator", "a2")
@@ -58,6 +58,28 @@ def test_who_idles_loses_it_to_whoever_wants_it_unless_something_runs(bench: Ben
     bench.working = False
     bench.lease.take(CYD)
     assert bench.lease.holds(CYD)
+
+
+def test_a_program_that_died_gives_it_back_but_not_during_its_work(bench: Bench) -> None:
+    bench.lease.take(PLANT)
+    bench.now += PROGRAM_IDLE_S - 1
+    bench.lease.require(PLANT)
+    bench.now += PROGRAM_IDLE_S - 1
+    assert bench.lease.holds(PLANT)
+    bench.working = True
+    bench.now += 10 * IDLE_S
+    assert bench.lease.holds(PLANT)
+    bench.working = False
+    bench.now += PROGRAM_IDLE_S - 1
+    assert not bench.lease.may_take(CYD)[0]
+    bench.now += 2
+    assert bench.lease.state().holder is None
+    bench.lease.take(CYD)
+    assert bench.said == [
+        f"{PLANT.label} took the command",
+        f"{PLANT.label} gave up command",
+        "Cyd took the command",
+    ]
 
 
 def test_commanding_keeps_it(bench: Bench) -> None:

@@ -52,21 +52,20 @@ SignalNames = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class BenchView(BenchSummary):
-    """The present state of the bench; readings are in `signals`."""
+    """The present state of the bench, with sides and newest readings by their names."""
 
-    sides: list[SideSummary]
-    signals: list[SignalValue]
+    sides: dict[Side, SideSummary]
+    signals: dict[str, SignalValue]
 
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _signals(service: BenchService) -> list[SignalValue]:
+def _signals(service: BenchService) -> dict[str, SignalValue]:
     latest = service.live.latest()
-    return [
-        SignalValue(
-            name=signal.name,
+    return {
+        signal.name: SignalValue(
             title=signal.title,
             unit=signal.unit,
             value=latest[signal.name].value,
@@ -75,7 +74,7 @@ def _signals(service: BenchService) -> list[SignalValue]:
             fault=latest[signal.name].fault,
         )
         for signal in SIGNALS
-    ]
+    }
 
 
 @router.get("/bench")
@@ -83,7 +82,7 @@ def bench(service: Watched) -> BenchView:
     """Return the bench's present state: connection, both sides, every signal's newest value."""
     snapshot = service.snapshot()
     shared = {field.name: getattr(snapshot, field.name) for field in fields(BenchSummary)}
-    sides = list[SideSummary](snapshot.sides.values())
+    sides = dict[Side, SideSummary](snapshot.sides)
     return BenchView(**shared, sides=sides, signals=_signals(service))
 
 

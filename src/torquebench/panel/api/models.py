@@ -200,7 +200,6 @@ class MadeClient(BaseModel):
 class SignalValue(BaseModel):
     """The newest value of a signal, null before the first, and its age in s."""
 
-    name: str
     title: str
     unit: str
     value: float | None

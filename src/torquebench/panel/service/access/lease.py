@@ -1,10 +1,11 @@
 """The command lease: one session commands the bench, the others watch.
 
-A command renews the holder's lease. Anybody may take it over after its holder has signed out, or
-has been idle for `IDLE_S` while nothing runs. The same person may take it over from another browser
-at any time, and a metrologist or administrator whose role isn't below the holder's may do so by
-force. A program can take it over from a person only while nothing runs. Every change is logged. A
-stop needs no lease.
+A command renews the holder's lease. A program gives it up by idling for `PROGRAM_IDLE_S` while
+nothing runs, because it may have died; its next command takes the free lease again. Anybody may
+take it over after its holder has signed out, or has been idle for `IDLE_S` while nothing runs. The
+same person may take it over from another browser at any time, and a metrologist or administrator
+whose role isn't below the holder's may do so by force. A program can take it over from a person
+only while nothing runs. Every change is logged. A stop needs no lease.
 """
 
 from __future__ import annotations
@@ -23,6 +24,9 @@ __all__ = ["IDLE_S", "CommandLease", "LeaseState"]
 
 IDLE_S = 120.0
 """Idle time after which another user may take over the lease, s."""
+
+PROGRAM_IDLE_S = 30.0
+"""Idle time after which a program has given up the lease, s."""
 
 
 @dataclass(frozen=True)
@@ -100,13 +104,23 @@ class CommandLease:
             return LeaseState(holder.label, holder.session_id, now - self._since, now - self._used)
 
     def _current(self) -> Actor | None:
-        if self._holder is not None and not self._lives(self._holder):
+        """Return the holder, to be called with the lock; end the lease of one who has gone."""
+        holder = self._holder
+        if holder is None:
+            return None
+        if not self._lives(holder):
             self._holder = None
+        elif holder.kind == "client" and self._working():
+            self._used = self._now()
+        elif holder.kind == "client" and self._now() - self._used > PROGRAM_IDLE_S:
+            self._holder = None
+            self._note(holder, "gave up command")
         return self._holder
 
     def holds(self, actor: Actor) -> bool:
         """Whether this actor's session holds the lease."""
-        holder = self._current()
+        with self._lock:
+            holder = self._current()
         return holder is not None and holder.session_id == actor.session_id
 
     def may_take(self, actor: Actor) -> tuple[bool, str]:

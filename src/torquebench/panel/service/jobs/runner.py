@@ -339,6 +339,7 @@ class JobRunner:
         except Exception as error:  # the panel continues after any error
             state = "aborted" if job.abort_reason else "failed"
             problem = Problem.of(error)
+        self._lease.state()  # a program idles from the end of its work
         with self._lock:  # whoever sees the end may start the next job
             job.end(state, problem=problem, result=result)
             if self._current is job:
