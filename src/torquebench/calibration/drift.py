@@ -31,8 +31,6 @@ class ControlChart:
         In the order of time.
     centre, lower, upper : float
         Mean of the base values, and limits of single values about it.
-    moving_range : float64[n - 1]
-        Differences of neighbours.
     moving_range_mean, moving_range_upper : float
         Mean of the base's moving ranges, and the upper limit of a single one.
     outside : tuple of int
@@ -47,7 +45,6 @@ class ControlChart:
     centre: float
     lower: float
     upper: float
-    moving_range: NDArray[np.float64]
     moving_range_mean: float
     moving_range_upper: float
     outside: tuple[int, ...]
@@ -69,7 +66,7 @@ class Trend:
     tau, p_value : float
         Kendall's rank correlation with time, and the probability of one at least as strong by
         chance (Mann-Kendall test, two-sided, exact for few values without ties).
-    per_year, per_year_standard_error : float
+    per_year : float
         Slope of the line of least squares, in units of the value per year.
     significant : bool
         Whether the p-value is below the requested level.
@@ -78,7 +75,6 @@ class Trend:
     tau: float
     p_value: float
     per_year: float
-    per_year_standard_error: float
     significant: bool
 
 
@@ -179,7 +175,6 @@ def individuals_chart(values: ArrayLike, base: int | None = None) -> ControlChar
         centre=centre,
         lower=centre - reach,
         upper=centre + reach,
-        moving_range=moving,
         moving_range_mean=mean_range,
         moving_range_upper=limit,
         outside=tuple(int(k) for k in np.flatnonzero(np.abs(x - centre) > reach)),
@@ -215,7 +210,7 @@ def find_trend(moments: list[datetime], values: ArrayLike, *, level: float = 0.0
         return None
     # If all values are equal, there is neither trend nor correlation.
     if np.ptp(x) == 0.0:
-        return Trend(0.0, 1.0, 0.0, 0.0, significant=False)
+        return Trend(0.0, 1.0, 0.0, significant=False)
     from scipy import stats  # imported late: an evaluation doesn't need SciPy's statistics
 
     rank = stats.kendalltau(years, x)
@@ -224,7 +219,6 @@ def find_trend(moments: list[datetime], values: ArrayLike, *, level: float = 0.0
         tau=float(rank.statistic),
         p_value=float(rank.pvalue),
         per_year=float(line.slope),
-        per_year_standard_error=float(line.stderr),
         significant=bool(rank.pvalue < level),
     )
 

@@ -73,9 +73,6 @@ class ModelScore:
         Time of the fit to all points.
     complexity : int
         Rank of the kind: lower is simpler.
-    mean_square_difference, standard_error : float
-        Mean square error minus that of the best model, and its standard error over the steps, in
-        (N·m)².
     reason : str
         Comparison with the best model, in words.
     """
@@ -90,8 +87,6 @@ class ModelScore:
     effective_parameters: float
     fit_time_s: float
     complexity: int
-    mean_square_difference: float = 0.0
-    standard_error: float = 0.0
     reason: str = ""
 
 
@@ -417,11 +412,7 @@ class _Tally:
                 reason = Message(
                     "{count:.1f} standard errors worse than {best}", difference / error, best
                 )
-            rows.append(
-                replace(
-                    score, mean_square_difference=difference, standard_error=error, reason=reason
-                )
-            )
+            rows.append(replace(score, reason=reason))
         return tuple(rows)
 
 

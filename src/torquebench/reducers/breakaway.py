@@ -61,8 +61,6 @@ class FirstMotion:
         Last sample at rest.
     time_s, standard_uncertainty_s : float
         Moment of the change.
-    noise_rad : float
-        Standard deviation of the angle at rest, about its own slow line.
     direction : int
         +1 or -1.
     crossing : int
@@ -72,7 +70,6 @@ class FirstMotion:
     index: int
     time_s: float
     standard_uncertainty_s: float
-    noise_rad: float
     direction: int
     crossing: int
 
@@ -146,7 +143,7 @@ def first_motion(
         sigma = float(np.hypot(noise, 0.3 * step_of(angle)))
         moment, spread = _power_start(time, direction * angle, crossing, level, sigma)
     index = int(np.clip(np.searchsorted(time, moment, side="right") - 1, 0, crossing - 1))
-    return FirstMotion(index, moment, spread, noise, direction, crossing)
+    return FirstMotion(index, moment, spread, direction, crossing)
 
 
 def _crossing(time: Floats, angle: Floats, threshold: float) -> tuple[int, Floats, float, float]:
@@ -308,8 +305,6 @@ class BreakawayRun:
         times the uncertainty of that time; on a staircase its step.
     time_s : float
         Moment of the first motion.
-    angle_noise_rad : float
-        Standard deviation of the angle before it.
     held_nm : float
         On a staircase, the level before; NaN on a ramp.
     """
@@ -319,7 +314,6 @@ class BreakawayRun:
     torque_nm: float
     standard_uncertainty_nm: float
     time_s: float
-    angle_noise_rad: float
     held_nm: float = float("nan")
 
 
@@ -496,13 +490,13 @@ def _run_of(
         level, held = stairs
         # The break-away torque lies anywhere between the last torque held and that of the slip.
         step = abs(level - held) / 3.0**0.5
-        run = BreakawayRun(label, position, level, step, motion.time_s, motion.noise_rad, held)
+        run = BreakawayRun(label, position, level, step, motion.time_s, held)
         return run, False
     level, error = _torque_at(time, torque, motion)
     ramp_range = abs(level - float(torque[0]))
     tail = torque[: motion.index + 1]
     still = np.mean(np.abs(tail - tail[-1]) < 0.02 * ramp_range) if ramp_range > 0 else 0.0
-    run = BreakawayRun(label, position, level, error, motion.time_s, motion.noise_rad)
+    run = BreakawayRun(label, position, level, error, motion.time_s)
     return run, bool(still > SATURATED_SHARE)
 
 

@@ -42,8 +42,6 @@ class SteadyValue:
         Otherwise wait longer, or mark the point.
     samples : int
         Number of samples in the value.
-    effective_samples : float
-        Effective number of independent samples.
     rejected : int
         Number of outliers left out of the window.
     start_s, stop_s : float
@@ -60,7 +58,6 @@ class SteadyValue:
     drift_standard_error_per_s: float
     settled: bool
     samples: int
-    effective_samples: float
     rejected: int
     start_s: float
     stop_s: float
@@ -298,7 +295,6 @@ def _evaluate(
         drift_standard_error_per_s=float(errors[1]),
         settled=whole and abs(float(coefficients[1])) * span <= drift_allowed,
         samples=int(keep.sum()),
-        effective_samples=float(keep.sum() / correlated),
         rejected=int(np.sum(~keep)),
         start_s=float(times[0]),
         stop_s=float(times[-1]),

@@ -188,8 +188,8 @@ class StaticSweep:
         The module's reading by nominal sensitivity and the zero measured unloaded.
     frequency_hz : float64[n]
         The transducer's frequency as the counters see it.
-    reference_nm, reference_frequency_hz : float64[n]
-        The calibrator's (or verification standard's) reading, uncorrected, and frequency.
+    reference_nm : float64[n]
+        The calibrator's (or verification standard's) reading, uncorrected.
     branch : int8[n]
         +1 where |torque| grew to reach the point, -1 where it fell, 0 where it didn't change.
     """
@@ -198,5 +198,4 @@ class StaticSweep:
     reading_nm: FloatArray
     frequency_hz: FloatArray
     reference_nm: FloatArray
-    reference_frequency_hz: FloatArray
     branch: NDArray[np.int8]

@@ -154,6 +154,5 @@ def static_sweep(
         reading_nm=(frequency - zero_hz) / plate.sensitivity_hz_per_nm,
         frequency_hz=frequency,
         reference_nm=(reference_hz - reference_zero_hz) / plate.sensitivity_hz_per_nm,
-        reference_frequency_hz=reference_hz,
         branch=np.sign(np.diff(np.abs(path), prepend=0.0)).astype(np.int8),
     )

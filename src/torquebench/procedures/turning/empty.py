@@ -59,16 +59,12 @@ class EmptySummary:
     side : {"input", "output"}
     zero : float
         Frequency of the zero that is subtracted from all readings.
-    lowest_c, highest_c : float
-        Temperatures of the transducer; NaN without a probe.
     """
 
     side: Side
     series: int
     rows: int
     zero: float
-    lowest_c: float
-    highest_c: float
 
 
 @dataclass(kw_only=True)
@@ -141,10 +137,7 @@ class EmptyTable(SeriesTable):
 
     def summary(self) -> EmptySummary:
         """Return the result of the run."""
-        rows = self.rows
-        warm = rows[:, 3] if rows.size else np.full(1, np.nan)
-        lowest, highest = float(np.min(warm)), float(np.max(warm))
-        return EmptySummary(self.side, self.series_done, len(rows), self.zero, lowest, highest)
+        return EmptySummary(self.side, self.series_done, len(self.rows), self.zero)
 
 
 def run_metadata(

@@ -57,8 +57,6 @@ class FrictionFit:
         Standard deviation of the mean torques about the fit, N·m (weighted by their points).
     degrees_of_freedom : int
         Of the residual.
-    speed_low_rpm, speed_high_rpm : float
-        Range of the speeds that were fitted.
     covariance : array of float, shape (p, p)
         Covariance of the parameters in the order of ``FORMS[form]``, units as above but the
         Stribeck speed in rad/s.
@@ -72,8 +70,6 @@ class FrictionFit:
     exponent: int
     residual_nm: float
     degrees_of_freedom: int
-    speed_low_rpm: float
-    speed_high_rpm: float
     covariance: NDArray[np.float64]
 
     def torque(self, speed_rpm: ArrayLike) -> NDArray[np.float64]:
@@ -296,7 +292,5 @@ def _described(
         exponent=exponent,
         residual_nm=float(np.sqrt(variance)),
         degrees_of_freedom=freedom,
-        speed_low_rpm=float(speed.min() / RAD_S_PER_RPM),
-        speed_high_rpm=float(speed.max() / RAD_S_PER_RPM),
         covariance=covariance,
     )

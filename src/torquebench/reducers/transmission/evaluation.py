@@ -63,8 +63,6 @@ class ErrorOrder:
     ----------
     order : float
         Periods per output revolution.
-    input_order : float
-        Periods per input revolution.
     amplitude : Budget
         Amplitude (half of peak to peak) of this order, arcsec.
     phase_rad : float
@@ -72,7 +70,6 @@ class ErrorOrder:
     """
 
     order: float
-    input_order: float
     amplitude: Budget
     phase_rad: float
 
@@ -361,7 +358,6 @@ def _direction(
     orders = tuple(
         ErrorOrder(
             order=float(found.order[index]),
-            input_order=float(found.order[index] / abs(ratio)),
             amplitude=budget(
                 float(found.amplitude_arcsec[index]),
                 "arcsec",
