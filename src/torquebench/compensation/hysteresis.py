@@ -347,6 +347,7 @@ class BranchTracker:
             # not along the last axis, where NumPy's order of addition depends on the number of
             # readings
             total = np.add.reduce(terms, axis=2)
+            # chunks lie side by side in columns: put their readings one after the other
             in_order = total.transpose(0, 2, 3, 1).reshape(*states.shape[:2], -1)
             states[:, :, start : start + part.size] = in_order[:, :, : part.size]
             self._bounds = places[-1, :, :, -1]

@@ -171,6 +171,8 @@ def _static_columns(c: Circumstances) -> FloatArray:
 
 
 def _on(factor: Columns | str, columns: Columns) -> Columns:
+    """Return columns times a factor: a quantity by its name, or the first of other columns."""
+
     def product(c: Circumstances) -> FloatArray:
         of = getattr(c, factor) if isinstance(factor, str) else factor(c)
         return np.asarray(np.reshape(of, (len(c), -1))[:, :1] * columns(c))
