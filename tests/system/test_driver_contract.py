@@ -14,6 +14,7 @@ from tests.peers.hbm_amplifiers import HbmPeer
 from tests.peers.moteus_controller import MoteusPeer
 from tests.peers.opcua_plc import PlcPeer
 from tests.peers.plc import AdsPlc, S7Plc
+from tests.support.draws import nightly
 from tests.system.networked import WATCHDOG_S, daqmx, described, hasty, modbus
 
 from torquebench.bench.description import BenchDescription
@@ -311,6 +312,13 @@ CASES = [
 ]
 
 
+SAME_LINK = (
+    *("modbus-modes", "modbus-clamp", "modbus-angles", "modbus-readout"),
+    *("ads-temperature", "s7-modes"),
+)
+"""Cases whose connection another one has as well."""
+
+
 @pytest.fixture(scope="module")
 def simulated() -> Iterator[dict[str, Any]]:
     other = described(reference=modbus(), counter=daqmx())
@@ -321,7 +329,10 @@ def simulated() -> Iterator[dict[str, Any]]:
 
 
 class TestDrivers(DriverContract):
-    @pytest.fixture(params=CASES, ids=lambda case: case.name)
+    @pytest.fixture(
+        params=[nightly(each) if each.name in SAME_LINK else each for each in CASES],
+        ids=lambda case: case.name,
+    )
     def case(self, request: pytest.FixtureRequest) -> Case:
         found: Case = request.param
         return found
