@@ -1,8 +1,8 @@
 """Page of the documentation about the papers, with figures measured on simulated benches.
 
 ``python -m benchmarks.papers_page --write`` does what ``torquebench papers`` does and writes
-docs/explanation/papers-item-by-item.md and docs/images/papers. ``--data FOLDER`` takes the tables
-that ``torquebench papers --save FOLDER`` wrote instead of measuring.
+docs/explanation/papers-item-by-item.md and docs/images/papers. ``--tables FOLDER`` takes the tables
+that ``torquebench papers-tables`` wrote instead of measuring.
 """
 
 from __future__ import annotations
@@ -14,8 +14,10 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from torquebench.cli.papers import papers
+from torquebench.operations.papers import PapersRequest, papers_page_of
+from torquebench.progress import NO_PROGRESS
 from torquebench.reports.page import Diagram, Facts, Figure, Page, Section, Table
+from torquebench.reports.page_pdf import write_report
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = DOCS / "explanation" / "papers-item-by-item.md"
@@ -106,13 +108,16 @@ def _section(section: Section, images: Path) -> Iterator[str]:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the page, and write it."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path)
+    parser.add_argument("--tables", type=Path)
     parser.add_argument("--out", type=Path, help="folder for the page as HTML and PDF")
     parser.add_argument("--write", action="store_true")
     chosen = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
-        reports = [(chosen.out or Path(folder)) / f"papers.{kind}" for kind in ("html", "pdf")]
-        page = papers(reports, data=chosen.data).page()
+        request = PapersRequest(tables=chosen.tables)
+        page = papers_page_of(request, Path(folder) / "papers.study", NO_PROGRESS)
+    if chosen.out is not None:
+        for kind in ("html", "pdf"):
+            write_report(page, chosen.out / f"papers.{kind}")
     page = dataclasses.replace(page, subtitle=INTRODUCTION + page.subtitle)
     with tempfile.TemporaryDirectory() as folder:
         text = markdown(page, IMAGES if chosen.write else Path(folder))

@@ -68,7 +68,6 @@ def test_a_table_for_other_programs_goes_to_standard_output(tables: Path) -> Non
         ("turn", "output", "--out", "run.parquet"),
         ("records", "compare", "1", "2", "--out", "steps.parquet"),
         ("records", "export-data", "latest", "--out", "samples.xlsx"),
-        ("records", "export-data", "latest", "--format", "csv", "--out", "samples.parquet"),
     ],
 )
 def test_an_ending_that_promises_another_format_is_refused(
@@ -104,7 +103,7 @@ def test_two_files_in_one_place_are_refused(words: tuple[str, ...], tables: Path
     [
         ("records", "export", "latest", "--out", "-"),
         ("certificate", "latest", "--out", "-"),
-        ("papers", "--out", "page.html", "--save", "-"),
+        ("papers-tables", "--out", "-"),
     ],
 )
 def test_a_folder_is_no_standard_output(words: tuple[str, ...], tables: Path) -> None:

@@ -21,8 +21,8 @@ from torquebench.bench.drivers.simulated.driver import SimulatedDrive
 from torquebench.bench.safety import AlarmKind
 from torquebench.bench.safety.drives import DriveWorker
 from torquebench.calibration import load_profile
-from torquebench.cli.doctor.bench import _watchdog, instruments
 from torquebench.errors import BenchError, LimitError
+from torquebench.operations.bench_checks import _watchdog, instruments
 from torquebench.procedures import calibrate, rehearse
 from torquebench.simulators import Simulators
 from torquebench.station import Station

@@ -26,8 +26,8 @@ from torquebench.bench.drivers.base import DriveState
 from torquebench.bench.drivers.instruments import open_role
 from torquebench.bench.drivers.links import drive_timeout
 from torquebench.bench.drivers.scpi.link import ScpiLink
-from torquebench.cli.doctor.bench import instruments
 from torquebench.errors import BenchError, InputError
+from torquebench.operations.bench_checks import instruments
 from torquebench.simulators import Simulators
 from torquebench.station import Station
 

@@ -254,7 +254,8 @@ def test_from_calibration_to_certificate(
     assert {each["unit"] for each in drift["charts"]} == {"%", "% FS"}
     run = olga.get(f"/runs/{result['run_ids'][0]}").json()
     assert (run["run"]["operator"], run["changes"]) == ("Olga", [])
-    assert olga.get(f"/runs/{result['run_ids'][0]}/export").content.startswith(b"PK")
+    exported = olga.post("/operations/records-export", json={"run": result["run_ids"][0]}).json()
+    assert olga.get(f"/files/{exported['files'][0]}").content.startswith(b"PK")
 
 
 @pytest.mark.parametrize(

@@ -126,7 +126,8 @@ def test_models_and_data_are_downloaded(
     model = max_.download(f"/models/{number}/file", tmp_path / "model.json")
     assert load_chain(model).model.range_nm == 2000.0
     run_id = calibrated["calibrate"]["run_ids"][0]
-    samples = max_.download(f"/runs/{run_id}/data", tmp_path / "samples.parquet", format="parquet")
+    (written,) = max_.records_export_data(run=run_id, out="samples.parquet")["files"]
+    samples = max_.download(f"/files/{written}", tmp_path / "samples.parquet")
     assert "output_torque_nm" in pq.read_table(samples).column_names
     with pytest.raises(RefusedError) as refused:
         max_.download("/models/99/file", tmp_path / "none.json")
@@ -136,7 +137,8 @@ def test_models_and_data_are_downloaded(
 
 def test_exported_points_go_back_in_as_a_table(calibrated: dict[str, Any], max_: Client) -> None:
     run_id = calibrated["calibrate"]["run_ids"][0]
-    exported = max_.http.get(f"/runs/{run_id}/export").content
+    (written,) = max_.records_export(run=run_id)["files"]
+    exported = max_.http.get(f"/files/{written}").content
     with zipfile.ZipFile(io.BytesIO(exported)) as archive:
         table = archive.read(f"{run_id}/points.csv")
     serial = "A/12 #7?.. 扭矩"

@@ -24,7 +24,7 @@ include-name-regex = "POST /operations/.*"
 checks.positive_data_acceptance.expected-statuses = [
     "2xx", "401", "403", "404", "409", "422", "429", "503"]
 [[operations]]
-include-name = ["POST /users", "PATCH /users/{name}", "GET /runs", "GET /runs/{run_id}/data",
+include-name = ["POST /users", "PATCH /users/{name}", "GET /runs",
                 "POST /files", "POST /queue", "POST /queue/start"]
 checks.positive_data_acceptance.expected-statuses = [
     "2xx", "401", "403", "404", "409", "422", "429", "503"]

@@ -16,7 +16,6 @@ def test_the_chain_is_seen_in_place_only(tmp_path: Path) -> None:
     assert in_place < 0.2 * alone
     assert alone > 0.2
     assert "<svg" in (tmp_path / "r.html").read_text()
-    assert not (tmp_path / "torquebench-data").exists()
 
 
 def test_a_table_of_another_kind_is_refused(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from tests.system.panel_api import SLOW, administrator, serving
 from torquebench.bench.description import BenchDescription, load_bench
 from torquebench.bench.devices.drive import slice_s
 from torquebench.bench.drivers.simulated.control import SimulationControl
-from torquebench.cli.doctor.bench import _losses
+from torquebench.operations.bench_checks import _losses
 
 pytestmark = SLOW
 RATE = 500.0

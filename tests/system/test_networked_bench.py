@@ -28,8 +28,8 @@ from torquebench.bench.certificates.encoder import encoder_certificates
 from torquebench.bench.description import BenchDescription, load_bench
 from torquebench.bench.drivers.simulated.control import SimulationControl
 from torquebench.bench.drivers.simulated.driver import open_simulated
-from torquebench.cli.doctor.bench import drives, instruments
 from torquebench.errors import BenchError, InputError, TorquebenchError
+from torquebench.operations.bench_checks import drives, instruments
 from torquebench.simulators import KINDS, Simulators
 from torquebench.station import Station
 

@@ -30,19 +30,18 @@ def test_a_quick_page_of_the_simulated_bench(tmp_path: Path) -> None:
 
 
 @pytest.mark.nightly
-def test_a_bench_over_sockets_and_its_recorded_folder_give_the_same_page(tmp_path: Path) -> None:
+def test_tables_of_a_bench_over_sockets_make_the_page(tmp_path: Path) -> None:
     page = ("papers", "--quick", "--no-study")
     with simulating(tmp_path) as (bench, _):
         mounted = ("--mounting", "coaxiality_mm=0.012", "--mounting", "lubricant=oil 7")
         result = run(
-            *(*page, "--bench", bench, "--yes", "--out", "a.html", "--save", "tables", *mounted),
+            *("papers-tables", "--quick", "--bench", bench, "--yes", "--out", "tables", *mounted),
             cwd=tmp_path,
         )
     assert result.returncode == 0, result.stderr
+    made = run(*page, "--tables", "tables", "--out", "a.html", cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
     first = (tmp_path / "a.html").read_text()
-    again = run(*page, "--data", "tables", "--out", "b.html", cwd=tmp_path)
-    assert again.returncode == 0, again.stderr
-    assert words((tmp_path / "b.html").read_text()) == words(first)
 
     assert "every figure on this page is simulated" in first
     assert "0.012 mm (≤ 0.03 mm)" in first
@@ -94,14 +93,12 @@ def _same(shown: str, measured: str) -> bool:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--data", "none"], "no folder none"),
-        (["--out", "page.docx"], "page.docx"),
-        (["--bench", "bench.toml", "--data", "."], "one of both"),
-        (["--reducer", "rv-40e"], "no certified_friction"),
-        (["--data", ".", "--save", "x"], "--data alone"),
+        (["papers", "--tables", "none"], "no folder none"),
+        (["papers", "--out", "page.docx"], "page.docx"),
+        (["papers-tables", "--reducer", "rv-40e"], "no certified_friction"),
     ],
 )
 def test_bad_arguments_are_refused(tmp_path: Path, arguments: list[str], message: str) -> None:
-    result = run("papers", *arguments, cwd=tmp_path)
+    result = run(*arguments, cwd=tmp_path)
     assert result.returncode == 2
     assert message in " ".join(result.stderr.split())

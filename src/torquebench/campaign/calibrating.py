@@ -15,12 +15,12 @@ from torquebench.campaign.bench_chains import recorded_effects
 from torquebench.campaign.fitting import (
     FittedModel,
     ModelChoice,
+    described_model,
     entry_in_use,
     fit_metrics,
     fit_models,
     model_in_use,
     not_compared,
-    store_model,
 )
 from torquebench.campaign.measuring import Measured, RunKind, RunOptions
 from torquebench.campaign.registering import (
@@ -161,32 +161,19 @@ def _register(
     data, run_id, active = measured.result.data, measured.record.run_id, fitted.active
     if any(item.contradictions for item in fitted.models if item.name == active):
         active = None
-    models = {item.name: item for item in fitted.models}
     files = [
         FittedFile(
             item.name,
             item.model.kind,
             registry.root / "models" / f"{run_id}-{item.name}.json",
-            fit_metrics(item, data),
+            metrics := fit_metrics(item, data),
             item.contradictions,
+            described_model(item.model, data, metrics, item.effects, item.contradictions),
         )
         for item in fitted.models
     ]
-
-    def store(file: FittedFile) -> None:
-        item = models[file.name]
-        store_model(
-            file.path,
-            item.model,
-            data,
-            file.metrics,
-            item.effects,
-            item.contradictions,
-            private=True,
-        )
-
     folder = RunFolder(measured.record.folder)
-    registered = register_calibration(registry, folder, files, active, store=store)
+    registered = register_calibration(registry, folder, files, active)
     return FinishedCalibration(measured, fitted.profile, fitted.models, registered, active)
 
 

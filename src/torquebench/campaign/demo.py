@@ -24,7 +24,7 @@ from torquebench.campaign.fitting import FittedModel, ModelChoice
 from torquebench.campaign.measuring import Measured
 from torquebench.campaign.modules import dense_sweep, evaluate_module
 from torquebench.campaign.registering import (
-    register_evaluated,
+    evaluate_and_register,
     register_verification,
     registered_patiently,
     registers_calibration,
@@ -152,7 +152,7 @@ def _modules(
         fitted = fit()
         progress.finish()
         models = FittedCalibration(profile, tuple(fitted), recommended)
-        calibrated = register_evaluated(CALIBRATION, registry, item, models, progress)
+        calibrated = evaluate_and_register(CALIBRATION, registry, item, profile, progress, models)
         _require_plausible(calibrated.registered.models[recommended])
         modules.append(_verify(station, settings, side, calibrated, recommended, progress))
         if verified is not None:

@@ -9,9 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+from torquebench.atomic_write import private_folder
 from torquebench.calibration import (
     RAW,
     AdaptiveRound,
@@ -24,7 +26,7 @@ from torquebench.calibration import (
 )
 from torquebench.campaign.fitting import ModelChoice
 from torquebench.campaign.measuring import Measured, RunKind
-from torquebench.compensation import RECOMMENDED
+from torquebench.compensation import RECOMMENDED, StoredModel, save_model
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.procedures import StaircaseResult
@@ -48,7 +50,6 @@ __all__ = [
     "evaluate_and_register",
     "read_measured",
     "register_calibration",
-    "register_evaluated",
     "register_verification",
     "registered_choices",
     "registered_patiently",
@@ -67,7 +68,7 @@ class FittedFile:
     """A stored model that is registered with its calibration.
 
     `name` is the name of the choice, `kind` the kind of the model; `metrics` are the errors of its
-    cross-validation.
+    cross-validation; `stored` is written to the file, which otherwise exists.
     """
 
     name: str
@@ -75,6 +76,7 @@ class FittedFile:
     path: Path
     metrics: Mapping[str, Any] = field(default_factory=dict)
     contradictions: Sequence[Contradiction] = ()
+    stored: StoredModel | None = None
 
 
 @dataclass(frozen=True)
@@ -115,8 +117,6 @@ def register_calibration(
     folder: RunFolder,
     models: Sequence[FittedFile],
     active: str | None = None,
-    *,
-    store: Callable[[FittedFile], None] | None = None,
     **remarks: str,
 ) -> RegisteredCalibration:
     """Register a calibration with its models, and put one of them into use.
@@ -129,8 +129,6 @@ def register_calibration(
         The sealed run.
     active : str or None
         Name of the model to be activated, unless the calibration contradicts itself.
-    store : callable, optional
-        Writes a model's file before it is registered.
     **remarks : str
         Further entries of the summary.
     """
@@ -147,8 +145,9 @@ def register_calibration(
         entry = registry.add_calibration(calibration_entry(folder, **remarks))
         registered = {}
         for each in models:
-            if store is not None:
-                store(each)
+            if each.stored is not None:
+                private_folder(each.path.parent)
+                save_model(each.path, each.stored, private=True)
             registered[each.name] = registry.add_model(
                 entry,
                 kind=each.kind,
@@ -329,37 +328,24 @@ def evaluate_and_register(
     measured: Measured[Result],
     profile: Profile,
     progress: Progress = NO_PROGRESS,
+    evaluated: Evaluated | None = None,
 ) -> Outcome:
-    """Evaluate a measured run and register its result, right after the run or later.
+    """Evaluate a measured run, if it isn't yet, and register it, right after the run or later.
 
     Raises
     ------
     RecordError
         The registry or the disk fails; the measured run can be finished later.
     """
-    evaluate, run_id = kind.evaluate, measured.record.run_id
+    evaluate, register, run_id = kind.evaluate, kind.register, measured.record.run_id
     assert evaluate is not None
-    evaluated = registered_patiently(
-        registry, run_id, lambda: evaluate(registry, measured, profile, progress), progress
-    )
-    return register_evaluated(kind, registry, measured, evaluated, progress)
-
-
-def register_evaluated(
-    kind: RunKind[Result, Evaluated, Outcome],
-    registry: Registry,
-    measured: Measured[Result],
-    evaluated: Evaluated,
-    progress: Progress = NO_PROGRESS,
-) -> Outcome:
-    """Register an evaluated run; raises as `evaluate_and_register`."""
-    enter = kind.register
-    assert enter is not None
+    assert register is not None
+    if evaluated is None:
+        evaluated = registered_patiently(
+            registry, run_id, partial(evaluate, registry, measured, profile, progress), progress
+        )
     return registered_patiently(
-        registry,
-        measured.record.run_id,
-        lambda: enter(registry, measured, evaluated),
-        progress,
+        registry, run_id, partial(register, registry, measured, evaluated), progress
     )
 
 

@@ -14,7 +14,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from torquebench.cli.failure import guarded
-from torquebench.cli.options import HELP_MARKUP, REGISTRY_URL
+from torquebench.cli.options import HELP_MARKUP
 from torquebench.cli.output_options import (
     HELP_OPTIONS,
     add_output_options,
@@ -23,6 +23,7 @@ from torquebench.cli.output_options import (
 from torquebench.cli.terminal.console import warn
 from torquebench.errors import TorquebenchError
 from torquebench.operations.catalogue import OPERATIONS, OWN_FILES, summary_of
+from torquebench.operations.place import REGISTRY_URL
 from torquebench.plugins import COMMANDS as ADDED
 from torquebench.plugins import SERVICES, entry_points, load
 
@@ -46,18 +47,26 @@ COMMANDS: Mapping[str, str] = {
     "turn": "",
     "run": "",
     "panel": "panel:",
-    "papers": "papers:papers",
-    "in-place": "in_place:in_place",
-    "doctor": "doctor.command:doctor",
+    "papers": "",
+    "papers-tables": "",
+    "in-place": "",
+    "doctor": "",
     "simulate": "simulate:simulate",
     "test": "",
     "standard-reducer": "",
-    "mechanics": "mechanics:app",
-    "records": "records.commands:app",
-    "evaluate": "groups:evaluate",
-    "bench": "groups:bench",
+    "mechanics": "",
+    "records": "",
+    "evaluate": "",
+    "bench": "",
 }
-"""Module and attribute of each command, in the help's order; empty for an operation."""
+"""Module and attribute of each command, in the help's order; empty for operations."""
+GROUPS: Mapping[str, str] = {
+    "mechanics": "Additional torque of a design by the papers' equations, twist of supports.",
+    "records": "List, show, check and keep the registry's contents.",
+    "evaluate": "Evaluate tables that were measured on any bench.",
+    "bench": "Describe a bench by its instruments.",
+}
+"""Help of each group of operations."""
 WRAPPED: Mapping[str, str] = {"certificate": "certificate:with_check"}
 """Functions that add a command-line option to an operation's command."""
 
@@ -135,7 +144,7 @@ def _command(name: str, *, listed: bool = False) -> Any:
 
     For lists, operations with known summaries aren't imported.
     """
-    if listed and COMMANDS.get(name) == "":
+    if listed and COMMANDS.get(name) == "" and name not in GROUPS:
         return TyperCommand(name, help=summary_of(name))
     app = typer.Typer(name=name, add_completion=False, rich_markup_mode=HELP_MARKUP)
     found = _found(name)
@@ -158,6 +167,16 @@ def _found(name: str) -> Any:
         from torquebench.cli.panel import panel_command
 
         return panel_command([*_installed(SERVICES).values()])
+    if name in GROUPS:
+        group = typer.Typer(
+            name=name,
+            add_completion=False,
+            help=GROUPS[name],
+            rich_markup_mode=HELP_MARKUP,
+            no_args_is_help=True,
+        )
+        group.callback()(lambda: None)
+        return group
     if COMMANDS.get(name):
         return _attribute(COMMANDS[name])
     return None if name in COMMANDS else _installed(ADDED, name).get(name)

@@ -35,7 +35,7 @@ from torquebench.cli.terminal.console import (
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.operations import Operation, Parameter, parameters
-from torquebench.operations.place import PackagedLibrary
+from torquebench.operations.place import REGISTRY_FILE, PackagedLibrary, has_registry
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -185,10 +185,7 @@ def _entered(asked: Mapping[str, Parameter], values: Mapping[str, Any]) -> dict[
         if parameter.kind in ("record", "values"):
             if not value:
                 continue
-            texts = named_values(value, parameter.option, "name=value")
-            value = (
-                texts if parameter.record else {key: _value(text) for key, text in texts.items()}
-            )
+            value = named_values(value, parameter.option, "name=value")
         entered[name] = value
     return entered
 
@@ -213,18 +210,6 @@ def _asked(fields: Iterable[Parameter], values: Mapping[str, Any]) -> dict[str, 
     return answers
 
 
-def _value(text: str) -> Any:
-    """Convert a text to None, a boolean, a number or text."""
-    if text.lower() in ("none", ""):
-        return None
-    if text.lower() in ("true", "false"):
-        return text.lower() == "true"
-    for kind in (int, float):
-        with contextlib.suppress(ValueError):
-            return kind(text)
-    return text
-
-
 # -- work -----------------------------------------------------------------------------------
 
 
@@ -239,17 +224,21 @@ def validated_request(operation: Operation, values: Mapping[str, Any]) -> Reques
     for each in parameters(operation.request):
         name = getattr(request, each.name)
         if each.kind == "path" and not each.output and name is not None:
-            read += [name] if isinstance(name, Path) else name
-        if name is not None and each.output == ("folder",):
+            read += _listed(name)
+        if name is not None and "folder" in each.output and name.suffix not in each.output:
             check_output_folder(name)
         elif name is not None and each.output:
-            written.append((name, each.output))
+            written += [(part, each.output) for part in _listed(name)]
         kind = each.names.partition(":")[0]
         if kind in ("profiles", "reducers") and name is not None:
             (library.profile if kind == "profiles" else library.reducer)(name)
     for path, endings in written:
         check_output(path, *read, endings=endings)
     return request
+
+
+def _listed(paths: Path | tuple[Path, ...]) -> tuple[Path, ...]:
+    return (paths,) if isinstance(paths, Path) else paths
 
 
 def _run(
@@ -282,9 +271,11 @@ def _run(
             try:
                 with _working() as progress:
                     result = operation.run(place, request, progress)
-            except InputError as problem:
+            except BaseException as problem:
                 tell_doubts(place.remarks)
-                raise _explained(problem, report) from None
+                if isinstance(problem, InputError):
+                    raise _explained(problem, report) from None
+                raise
     present(result, report)
 
 
@@ -332,7 +323,6 @@ def _rehearse(
     import dataclasses
 
     from torquebench.cli.bench_session import rehearsing
-    from torquebench.cli.options import has_registry
     from torquebench.cli.terminal.page import print_page
     from torquebench.operations import Place
     from torquebench.records import Registry
@@ -422,13 +412,15 @@ def _records_place(operation: Operation, data: Path, by: str) -> Iterator[Place]
     from torquebench.records.signatures import operator_name
 
     who = by.strip() or operator_name()
-    if operation.where == "files":
-        yield Place(who, PackagedLibrary())
+    if operation.where in ("folder", "files"):
+        yield Place(who, PackagedLibrary(), folder=data)
         return
     from torquebench.records import Registry
 
     folder = data if operation.begins else data_directory(data)
     with contextlib.ExitStack() as opened:
+        if operation.begins and not has_registry(folder):
+            opened.enter_context(_withdrawn(folder))
         if not operation.exclusive:
             registry = opened.enter_context(Registry.open(folder))
         else:
@@ -439,6 +431,21 @@ def _records_place(operation: Operation, data: Path, by: str) -> Iterator[Place]
             registry = opened.enter_context(Registry.open(folder))
             recover_unfinished(registry)
         yield Place(who, PackagedLibrary(), registry)
+
+
+@contextlib.contextmanager
+def _withdrawn(folder: Path) -> Iterator[None]:
+    """Remove a new registry after a refusal, and its folder if that is new, too."""
+    known = folder.is_dir()
+    try:
+        yield
+    except InputError:
+        for file in folder.glob(f"{REGISTRY_FILE}*"):
+            file.unlink()
+        if not known:
+            with contextlib.suppress(OSError):  # another process may use it meanwhile
+                folder.rmdir()
+        raise
 
 
 @contextlib.contextmanager

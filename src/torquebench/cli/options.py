@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -19,6 +19,7 @@ from torquebench.cli.terminal.console import (
 )
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.operations.place import data_directory, has_registry
 
 if TYPE_CHECKING:
     from torquebench.bench import BenchDescription
@@ -40,12 +41,9 @@ __all__ = [
     "check_output",
     "check_output_folder",
     "data_directory",
-    "day_or_time",
     "has_registry",
     "moment_in_utc",
     "named_values",
-    "numbered",
-    "performed_at",
 ]
 
 HELP_MARKUP: Literal["markdown"] = "markdown"
@@ -53,10 +51,6 @@ HELP_MARKUP: Literal["markdown"] = "markdown"
 """
 DEFAULT_DATA = Path("torquebench-data")
 CSV_ENDINGS = (".csv", ".txt", ".tsv")
-REGISTRY_URL = "TORQUEBENCH_REGISTRY"
-"""Environment variable with the URL of a registry server; see `records.REGISTRY_URL`."""
-REGISTRY_FILE = "registry.sqlite"
-"""Registry file in a data directory; see `records.REGISTRY_FILE`."""
 
 
 class Module(StrEnum):
@@ -185,18 +179,6 @@ def named_values(texts: Sequence[str] | None, option: str, example: str) -> dict
     return values
 
 
-def numbered(name: str, *kinds: str) -> tuple[str, int] | None:
-    """Split a record's name into kind and number; None if it isn't of these kinds.
-
-    Examples
-    --------
-    >>> numbered("model-14", "model", "calibration")
-    ('model', 14)
-    """
-    kind, _, number = name.rpartition("-")
-    return (kind, int(number)) if kind in kinds and number.isdecimal() else None
-
-
 def bench_description(path: Path | None) -> BenchDescription:
     """Load the named bench description, by default that of the simulated bench.
 
@@ -208,36 +190,6 @@ def bench_description(path: Path | None) -> BenchDescription:
     from torquebench.bench import default_bench, load_bench
 
     return default_bench() if path is None else load_bench(path)
-
-
-def data_directory(path: Path) -> Path:
-    """Return a data directory, checked to have a registry in it or on the named server.
-
-    Raises
-    ------
-    InputError
-        Where there is no registry.
-    """
-    if not has_registry(path):
-        from torquebench.records.registry.database import WAY_BACK, lost_registry
-
-        if lost := lost_registry(path):
-            raise InputError(
-                Message("the registry of {path} {lost}", path, lost),
-                "a registry that lists these runs",
-                WAY_BACK,
-            )
-        raise InputError(
-            Message("no records in {path}", path),
-            "a data directory of torquebench",
-            "name it with --data, or run `torquebench demo` or `torquebench calibrate` first",
-        )
-    return path
-
-
-def has_registry(path: Path) -> bool:
-    """Return whether a registry exists in this data directory or is named on a server."""
-    return bool(os.environ.get(REGISTRY_URL)) or (path / REGISTRY_FILE).is_file()
 
 
 def check_output(path: Path, *inputs: Path, endings: Sequence[str] = ()) -> Path:
@@ -335,28 +287,3 @@ def moment_in_utc(text: str) -> datetime:
         raise typer.BadParameter(
             f"{text!r}; allowed: a day such as 2026-01-31, or 2026-01-31T14:05+01:00"
         ) from error
-
-
-def day_or_time(text: str) -> date:
-    """Parse an option as a day, or as a time if it contains one."""
-    from torquebench.operations.readings import day_or_time as parsed
-
-    try:
-        return parsed(text)
-    except ValueError as error:
-        raise typer.BadParameter(f"{text!r}; allowed: {error}") from error
-
-
-def performed_at(given: date | None) -> datetime:
-    """Return when something was done, by an option of `day_or_time`; by default now.
-
-    Raises
-    ------
-    InputError
-        The time is in the future.
-    """
-    if given is None:
-        return datetime.now(UTC)
-    from torquebench.validation import past_moment
-
-    return past_moment(given)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from torquebench.cli.options import check_output
-from torquebench.cli.terminal.console import answer, note, print_file, say_file, warn
+from torquebench.cli.terminal.console import answer, print_file, say_file, warn
 from torquebench.operations.result import Result
 
 if TYPE_CHECKING:
@@ -67,7 +67,6 @@ def present(result: Result, reports: Iterable[Path] | None = None) -> None:
         sections = [*page.sections, *[remarks] * bool(result.remarks)]
         write_reports(dataclasses.replace(page, sections=sections), list(reports))
     if result.failed:
-        note("a check failed: exit code 1")
         raise typer.Exit(CHECK_FAILED)
 
 

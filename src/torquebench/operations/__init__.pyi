@@ -21,6 +21,7 @@ from .operation import (
     RunId as RunId,
     Tolerance as Tolerance,
     field as field,
+    on_files as on_files,
     parameters as parameters,
     plain_text as plain_text,
 )

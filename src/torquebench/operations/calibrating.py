@@ -22,6 +22,7 @@ from torquebench.operations.operation import (
     Operation,
     Request,
     RunId,
+    Values,
     chosen_sides,
     field,
 )
@@ -33,6 +34,7 @@ from torquebench.reports.page import Block, Diagram, Facts, Page, Section, Table
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
+
 
 __all__ = [
     "CALIBRATE",
@@ -56,16 +58,14 @@ Models = Annotated[
         "Kind of model to fit. The first one is put into use. May be repeated.",
         title="Models",
         choices="models",
-        expert=True,
         min_length=1,
         max_length=8,
     ),
 ]
 Parameters = Annotated[
-    dict[str, Any],
+    Values,
     field(
         "Parameter of the model, if there is only one: epochs=20000.",
-        expert=True,
         max_length=20,
     ),
 ]
@@ -87,6 +87,8 @@ class CalibrateRequest(MountedRequest):
     anything moves.
     """
 
+    basic = ("side", "profile", "step_percent", "up_to_nm", "activate")
+
     side: Annotated[
         Literal["input", "output", "both"], field("Which module.", title="Module", argument=True)
     ]
@@ -98,7 +100,7 @@ class CalibrateRequest(MountedRequest):
     ] = None
     repeats: Annotated[
         Annotated[int, Field(ge=1, le=50), WHOLE] | None,
-        field("How often every series is loaded.", expert=True),
+        field("How often every series is loaded."),
     ] = None
     up_to_nm: Annotated[
         Number | None,
@@ -110,21 +112,18 @@ class CalibrateRequest(MountedRequest):
             le=1e6,
         ),
     ] = None
-    rising_only: Annotated[
-        Flag, field("Load rising series only, as in the source papers.", expert=True)
-    ] = False
+    rising_only: Annotated[Flag, field("Load rising series only, as in the source papers.")] = False
     models: Models = FIRST_MODELS
     activate: Activate = True
     points: Annotated[
         Annotated[int, Field(ge=8, le=2000), WHOLE] | None,
-        field("Largest number of points of an adaptive calibration.", expert=True),
+        field("Largest number of points of an adaptive calibration."),
     ] = None
     target_percent_fs: Annotated[
         Number | None,
         field(
             "An adaptive calibration ends with this largest U (k = 2) of the model, % FS.",
             title="Target of U",
-            expert=True,
             ge=1e-6,
             le=100,
         ),
@@ -803,23 +802,17 @@ def run_calibration(
             profile,
             **place.run_options(progress, request.mounting, known),
         )
-        modules.append(_registered(place, measured, profile, progress))
+        place.check()
+        finished = campaign.evaluate_and_register(
+            campaign.CALIBRATION, place.registry, measured, profile, progress
+        )
+        modules.append(calibrated_module(finished))
     return CalibrationResult(**calibration_result(modules, ()))
 
 
 def _active(place: Place, choices: Sequence[campaign.ModelChoice], activate: bool) -> str | None:
     """Return the name of the model to activate; None if the person may not activate models."""
     return choices[0].name if activate and choices and place.may("metrologist") else None
-
-
-def _registered(
-    place: Place, measured: Any, profile: calibration.Profile, progress: Progress
-) -> CalibratedModule:
-    place.check()
-    kind = campaign.CALIBRATION
-    return calibrated_module(
-        campaign.evaluate_and_register(kind, place.registry, measured, profile, progress)
-    )
 
 
 def calibrate_title(request: CalibrateRequest) -> str:
@@ -873,7 +866,11 @@ def run_resumption(place: Place, request: ResumeRequest, progress: Progress) -> 
         interrupted,
         **place.run_options(progress, request.mounting, known),
     )
-    module = _registered(place, measured, interrupted.profile, progress)
+    place.check()
+    finished = campaign.evaluate_and_register(
+        campaign.CALIBRATION, registry, measured, interrupted.profile, progress
+    )
+    module = calibrated_module(finished)
     remarks = [
         Message(
             "{kept} points of {run} were kept, {count} were measured again from series {series} on",

@@ -22,6 +22,7 @@ from torquebench.plugins import entry_points, load
 if TYPE_CHECKING:
     from torquebench.operations.operation import Operation
 
+
 __all__ = ["OPERATIONS", "OWN_FILES", "find_operation", "summary_of"]
 
 OWN_FILES = "TORQUEBENCH_OPERATIONS"
@@ -54,7 +55,26 @@ _PACKAGED: Mapping[str, str] = {
     "evaluate dynamics": "dynamics:DYNAMICS",
     "evaluate lubrication": "dynamics:LUBRICATION",
     "bench new": "bench_setup:NEW_BENCH",
+    "doctor": "doctor:DOCTOR",
+    "papers": "papers:PAPERS",
+    "papers-tables": "papers:PAPERS_TABLES",
+    "in-place": "papers:IN_PLACE",
+    "mechanics additional-torque": "mechanics:ADDITIONAL_TORQUE",
+    "mechanics sections": "mechanics:SECTIONS",
+    "mechanics supports": "mechanics:SUPPORTS",
+    "records list": "listing:LIST",
+    "records show": "listing:SHOW",
+    "records audit": "listing:AUDIT",
+    "records verify": "keeping:VERIFY_RECORDS",
+    "records amend": "keeping:AMEND",
     "records import": "static:IMPORT",
+    "records export": "keeping:EXPORT_RUN",
+    "records export-data": "keeping:EXPORT_DATA",
+    "records equipment": "equipment:EQUIPMENT",
+    "records add-equipment": "equipment:ADD_EQUIPMENT",
+    "records add-certificate": "equipment:ADD_CERTIFICATE",
+    "records fit-part": "equipment:FIT_PART",
+    "records adjust": "equipment:ADJUST",
     "records compare": "history:COMPARE",
     "records drift": "history:DRIFT",
     "records compare-models": "models:COMPARE_MODELS",
@@ -65,6 +85,9 @@ _PACKAGED: Mapping[str, str] = {
     "records review": "certificates:REVIEW",
     "records finish": "calibrating:FINISH",
     "records discard": "calibrating:DISCARD",
+    "records backup": "keeping:BACKUP",
+    "records restore": "keeping:RESTORE",
+    "records rebuild": "keeping:REBUILD",
 }
 """Module and attribute of each of torquebench's operations, by name."""
 

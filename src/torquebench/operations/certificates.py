@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from torquebench.reports.certificate import CertificateCheck, CertificateRecord, Issue
     from torquebench.tables import DigitalCertificate
 
+
 __all__ = ["CERTIFICATE", "REVIEW", "SUBJECTS", "checked_certificate", "subject_of"]
 
 SUBJECTS = {
@@ -56,6 +57,8 @@ class ReviewRequest(Request):
     The signature covers the record's hash in the chain of the registry.
     """
 
+    basic = ("record", "reject", "remark")
+
     record: Record
     reject: Annotated[Flag, field("Reject it instead of accepting it.")] = False
     remark: Annotated[str, field("What was found.", max_length=500)] = ""
@@ -64,7 +67,6 @@ class ReviewRequest(Request):
         field(
             "Hash of the record that was reviewed; if it has changed, the review is refused.",
             title="Hash",
-            expert=True,
             pattern="^([0-9a-f]{64})?$",
         ),
     ] = ""

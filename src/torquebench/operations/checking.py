@@ -76,6 +76,8 @@ class VerificationRequest(MountedRequest):
     models are compared on the same readings; the verdict is that of the first.
     """
 
+    basic = ("side", "models", "calibration", "groups", "points", "tolerance_percent_fs")
+
     side: Annotated[Side, field("Which module.", title="Module", argument=True)]
     models: Annotated[
         tuple[ModelNumber, ...],
@@ -87,14 +89,14 @@ class VerificationRequest(MountedRequest):
     groups: Annotated[int, field("How many groups.", ge=1, le=1000), WHOLE] = 10
     points: Annotated[int, field("Points of each group.", ge=4, le=10_000), WHOLE] = 50
     tolerance_percent_fs: Tolerance = 0.1
-    same_points: Annotated[Flag, field("The same torques in every group.", expert=True)] = False
+    same_points: Annotated[Flag, field("The same torques in every group.")] = False
     seed: Annotated[
         Annotated[int, Field(ge=0, le=2**32 - 1), WHOLE] | None,
-        field("Seed of the random points; without it, new points each time.", expert=True),
+        field("Seed of the random points; without it, new points each time."),
     ] = None
-    profile: Annotated[
-        Name, field("Profile of random points.", choices="profiles:random", expert=True)
-    ] = "verification"
+    profile: Annotated[Name, field("Profile of random points.", choices="profiles:random")] = (
+        "verification"
+    )
 
 
 # -- zero -----------------------------------------------------------------------------------

@@ -17,9 +17,10 @@ from torquebench.operations.operation import (
     ModelName,
     Name,
     Number,
-    Operation,
     Request,
+    Values,
     field,
+    on_files,
 )
 from torquebench.operations.place import Place
 from torquebench.operations.readings import (
@@ -58,11 +59,11 @@ Limits = Annotated[
 ]
 Filter = Annotated[
     Path | None,
-    field("A file of `evaluate dynamics`: the inverse filter, for quick torques.", expert=True),
+    field("A file of `evaluate dynamics`: the inverse filter, for quick torques."),
 ]
 ZeroTemperature = Annotated[
     Number | None,
-    field("Temperature of the transducer at which the zero was taken.", expert=True),
+    field("Temperature of the transducer at which the zero was taken."),
 ]
 
 
@@ -79,6 +80,8 @@ class FitRequest(TorqueTable):
     live. If the points contradict each other, the check fails and the model file is marked.
     """
 
+    basic = ("tables", "range_nm", "model", "one_direction", "serial", "reference")
+
     tables: Annotated[
         tuple[Path, ...],
         field(
@@ -93,25 +96,22 @@ class FitRequest(TorqueTable):
         ModelName, field("Kind of model.", choices="models", examples=("polynomial-3",))
     ] = "hybrid"
     parameters: Annotated[
-        dict[str, Any],
+        Values,
         field(
             "A parameter of the model. Of published-network: mapping (residual, direct), start "
             "(nguyen-widrow, small-uniform), hidden, epochs, learning_rate, target_error_nm, "
             "random_state.",
-            expert=True,
             max_length=20,
         ),
     ] = {}  # noqa: RUF012 - pydantic copies it
-    compare: Annotated[
-        Flag, field("Compare all kinds of model; that takes a while.", expert=True)
-    ] = False
+    compare: Annotated[Flag, field("Compare all kinds of model; that takes a while.")] = False
     out: Annotated[
-        Path, field("The model file to write.", title="Model file", output=(".json",), expert=True)
+        Path, field("The model file to write.", title="Model file", output=(".json",))
     ] = Path("model.json")
     one_direction: Annotated[Flag, field("The chain is loaded in one direction only.")] = False
     outliers: Annotated[
         Literal["downweight", "refuse", "keep"],
-        field("Treatment of outliers, which are always named.", expert=True),
+        field("Treatment of outliers, which are always named."),
     ] = "downweight"
     empty: Annotated[
         tuple[Path, ...],
@@ -119,7 +119,6 @@ class FitRequest(TorqueTable):
             "A table of an empty run: time_s, reading_nm, speed_rpm, temperature_c. May be "
             "repeated, for runs at other temperatures.",
             title="Empty runs",
-            expert=True,
         ),
     ] = ()
     dynamics: Filter = None
@@ -127,14 +126,13 @@ class FitRequest(TorqueTable):
     serial: Annotated[
         str, field("Serial number of the transducer.", title="Transducer, serial number")
     ] = ""
-    counter: Annotated[str, field("Clock that timed the pulses.", expert=True)] = ""
+    counter: Annotated[str, field("Clock that timed the pulses.")] = ""
     reference: Reference = None
     profile: Annotated[
         Name | None,
         field(
             "Profile that states limits of size for its transducers.",
             choices="profiles:steps",
-            expert=True,
         ),
     ] = None
     accept: Annotated[
@@ -160,6 +158,8 @@ class ApplyRequest(TorqueTable):
     calibration.
     """
 
+    basic = ("model", "readings", "out")
+
     model: Model
     readings: Annotated[
         Path,
@@ -178,9 +178,7 @@ class ApplyRequest(TorqueTable):
             examples=("torque.csv",),
         ),
     ]
-    zero_age_h: Annotated[
-        Number | None, field("Hours since the zero was taken.", expert=True, ge=0)
-    ] = None
+    zero_age_h: Annotated[Number | None, field("Hours since the zero was taken.", ge=0)] = None
     zero_temperature_c: ZeroTemperature = None
     dynamics: Filter = None
     without: Without = ()
@@ -194,6 +192,8 @@ class VerifyRequest(TorqueTable):
     of MODEL. Points of a chain with empty runs may be at any speed and temperature within its
     measured range; their zero is that of the calibration unless --zero-temperature states another.
     """
+
+    basic = ("model", "table", "tolerance_percent_fs")
 
     model: Model
     table: Annotated[
@@ -210,7 +210,6 @@ class VerifyRequest(TorqueTable):
         field(
             "Another model beside it, for comparison. May be repeated.",
             title="Other model files",
-            expert=True,
         ),
     ] = ()
     bench: Limits = None
@@ -354,9 +353,7 @@ class AppliedModel(Result):
 
     def page(self) -> Page:
         """Return its description."""
-        from torquebench.chain import not_in_u
-
-        facts = [
+        facts: list[tuple[str, str]] = [
             (
                 "Additional torque",
                 Message("{low:.4g} to {high:.4g} N·m", self.lowest_nm, self.highest_nm),
@@ -376,10 +373,17 @@ class AppliedModel(Result):
                 Message.joined(self.unmeasured),
             )
             facts.append(("Not measured", told))
-        if sentence := not_in_u(self.not_in_u):
-            facts.append(("No record", sentence))
+        facts += _no_record(self.not_in_u)
         blocks = [Facts(facts), *columns_fact(*self.understood)]
         return Page("Compensated readings", "", [Section("", "", blocks)], simulated=self.simulated)
+
+
+def _no_record(missing: Sequence[str]) -> list[tuple[str, str]]:
+    """Return the fact that names influences without a record; none if all have one."""
+    from torquebench.chain import not_in_u
+
+    sentence = not_in_u(missing)
+    return [] if sentence is None else [("No record", sentence)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -399,7 +403,6 @@ class VerifiedFile(Result):
 
     def page(self) -> Page:
         """Return its description; of a rotating chain with errors over its speed."""
-        from torquebench.chain import not_in_u
         from torquebench.reports.errors_table import errors_table
         from torquebench.reports.verification_report import Verified, verification_page
 
@@ -417,8 +420,7 @@ class VerifiedFile(Result):
                 "{nm:.3g} N·m ({percent:.3g} % FS)", found.pooled_nm, found.pooled_percent_fs
             )
             facts.append(("Repeatability over the groups", told))
-        if sentence := not_in_u(self.not_in_u):
-            facts.append(("No record", sentence))
+        facts += _no_record(self.not_in_u)
         page = verification_page(points, verified, facts, self.tolerance_percent_fs)
         tables = []
         for caption, name in (
@@ -979,45 +981,37 @@ def run_budget(_place: Place, request: BudgetRequest, _progress: Progress) -> Bu
     )
 
 
-FIT = Operation(
+FIT = on_files(
     "fit",
     FitRequest,
     run_fit,
     lambda request: Message("fit a model to {name}", request.tables[0].name),
-    check=check_fit,
-    where="files",
+    check_fit,
+    quick=False,
 )
-APPLY = Operation(
+APPLY = on_files(
     "apply",
     ApplyRequest,
     run_apply,
     lambda request: Message("compensate {name}", request.readings.name),
-    check=check_apply,
-    where="files",
-    quick=True,
+    check_apply,
 )
-VERIFY = Operation(
+VERIFY = on_files(
     "verify",
     VerifyRequest,
     run_verify,
     lambda request: Message("verify {name}", request.model.name),
-    where="files",
-    quick=True,
 )
-EXPORT = Operation(
+EXPORT = on_files(
     "export",
     ExportRequest,
     run_export,
     lambda request: Message("export {name}", request.model.name),
-    check=check_export,
-    where="files",
-    quick=True,
+    check_export,
 )
-BUDGET = Operation(
+BUDGET = on_files(
     "budget",
     BudgetRequest,
     run_budget,
     lambda request: Message("budget of {name}", request.model.name),
-    where="files",
-    quick=True,
 )

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from torquebench.message import Message
-from torquebench.operations.operation import Number, Operation, Request, field
+from torquebench.operations.operation import Number, Request, field, on_files
 from torquebench.operations.place import Place
 from torquebench.operations.result import HIDDEN, Result
 from torquebench.progress import Progress
@@ -84,6 +84,8 @@ class LubricatedRun(Request):
     the factor is refused.
     """
 
+    basic = ("run", "model", "out", "lubricant")
+
     run: Annotated[
         Path,
         field(
@@ -100,7 +102,6 @@ class LubricatedRun(Request):
         field(
             "Assigns a header to a quantity, as in reading=Drehmoment[Nm]; a minus sign before "
             "the header reverses the sign. May be repeated.",
-            expert=True,
         ),
     ] = ()
 
@@ -248,19 +249,15 @@ def run_lubrication(
     )
 
 
-DYNAMICS = Operation(
+DYNAMICS = on_files(
     "evaluate dynamics",
     DynamicRuns,
     run_dynamics,
     lambda request: Message("identify the dynamics in {name}", request.runs[0].name),
-    where="files",
-    quick=True,
 )
-LUBRICATION = Operation(
+LUBRICATION = on_files(
     "evaluate lubrication",
     LubricatedRun,
     run_lubrication,
     lambda request: Message("evaluate {name}", request.run.name),
-    where="files",
-    quick=True,
 )

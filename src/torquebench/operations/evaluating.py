@@ -18,7 +18,16 @@ from torquebench import campaign, reducers
 from torquebench.campaign.reducers.catalogue import TESTS, TestName
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.operations.operation import WHOLE, Flag, Name, Number, Operation, Request, field
+from torquebench.operations.operation import (
+    WHOLE,
+    Flag,
+    Name,
+    Number,
+    Operation,
+    Request,
+    field,
+    on_files,
+)
 from torquebench.operations.place import Place
 from torquebench.operations.result import HIDDEN, ExplainedError, Result
 from torquebench.progress import Progress
@@ -830,15 +839,7 @@ def evaluation_title(request: TableEvaluation) -> str:
 
 def _operation(name: str, request: type[TableEvaluation]) -> Operation:
     """Return the operation that evaluates one test."""
-    return Operation(
-        f"evaluate {name}",
-        request,
-        run_evaluation,
-        evaluation_title,
-        check=check_evaluation,
-        where="files",
-        quick=True,
-    )
+    return on_files(f"evaluate {name}", request, run_evaluation, evaluation_title, check_evaluation)
 
 
 HYSTERESIS = _operation("hysteresis", Hysteresis)

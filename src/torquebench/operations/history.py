@@ -117,13 +117,15 @@ class DriftRequest(Request):
     a line with its prediction interval up to the tolerance.
     """
 
+    basic = ("serial", "tolerance_percent", "longest_days")
+
     serial: Annotated[str, field("Serial number of the transducer.", argument=True, max_length=200)]
     tolerance_percent: Annotated[
         Number, field("Tolerance of the span's drift (zero: % of range).", ge=1e-6, le=100)
     ] = 0.1
     base: Annotated[
         Annotated[int, Field(ge=3, le=100_000), WHOLE] | None,
-        field("Number of first values from which the limits are computed.", expert=True),
+        field("Number of first values from which the limits are computed."),
     ] = None
     longest_days: Annotated[
         int, field("Longest time between two calibrations, days.", ge=1, le=100_000), WHOLE

@@ -25,6 +25,7 @@ from torquebench.operations.operation import (
     ModelNumber,
     Operation,
     Request,
+    Values,
     field,
 )
 from torquebench.operations.place import Place
@@ -64,7 +65,7 @@ class FitModelRequest(Request):
         Flag, field("Fit it to the rising points alone, as the source papers load.")
     ] = False
     parameters: Annotated[
-        dict[str, Any], field("Parameter of the model: epochs=20000.", max_length=20)
+        Values, field("Parameter of the model: epochs=20000.", max_length=20)
     ] = {}  # noqa: RUF012 - pydantic copies it
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from torquebench.progress import Progress
     from torquebench.records import Registry
 
+
 __all__ = [
     "WHOLE",
     "Calibration",
@@ -68,8 +70,10 @@ __all__ = [
     "Request",
     "RunId",
     "Tolerance",
+    "Values",
     "chosen_sides",
     "field",
+    "on_files",
     "parameters",
     "plain_text",
 ]
@@ -171,6 +175,27 @@ ModelName: TypeAlias = Annotated[
     WithJsonSchema({"type": "string", "enum": list(MODEL_NAMES)}),
 ]
 """Kind of a model."""
+
+
+def _typed(values: Any) -> Any:
+    """Convert texts in a mapping to None, booleans and numbers where they have this form."""
+    return {n: _value(v) for n, v in values.items()} if isinstance(values, Mapping) else values
+
+
+def _value(text: Any) -> Any:
+    if not isinstance(text, str):
+        return text
+    words = {"": None, "none": None, "true": True, "false": False}
+    if text.lower() in words:
+        return words[text.lower()]
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            return kind(text)
+    return text
+
+
+Values: TypeAlias = Annotated[dict[str, Any], BeforeValidator(_typed)]
+"""Values by name, which people may write as text."""
 RunId: TypeAlias = Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
 """Identifier of a run, which can't be a path."""
 
@@ -192,7 +217,6 @@ def field(
     title: str = "",
     unit: str = "",
     argument: bool = False,
-    expert: bool = False,
     choices: str = "",
     titles: Mapping[str, str] | None = None,
     role: Role = "operator",
@@ -215,8 +239,6 @@ def field(
         Unit; by default that at the end of the field's name.
     argument : bool
         Whether the command takes the value as an argument instead of an option.
-    expert : bool
-        Whether forms show it in the collapsed part for experts.
     choices : str
         Allowed names: "models", or those of the place: "profiles", "reducers" or a part of them,
         such as "profiles:random".
@@ -236,7 +258,7 @@ def field(
     **limits
         Limits of `pydantic.Field`, such as `ge` and `max_length`.
     """
-    extra: Any = {"title": title, "unit": unit, "argument": argument, "expert": expert}
+    extra: Any = {"title": title, "unit": unit, "argument": argument}
     extra |= {"choices": choices, "role": role, "decision": decision, "local": local}
     extra["output"], extra["file"] = list(output), file
     extra["titles"] = dict(titles or {})
@@ -251,7 +273,7 @@ class Request(BaseModel):
     Attributes
     ----------
     basic : tuple of str
-        Fields that a form shows, if not all that aren't for experts.
+        Fields that a form shows unfolded, by default all but records.
     """
 
     basic: ClassVar[tuple[str, ...]] = ()
@@ -276,7 +298,6 @@ class MountedRequest(Request):
         field(
             "Data of the mounting for the record, the report and the certificate.",
             title="Mounting",
-            expert=True,
         ),
     ] = MountingRecord()
 
@@ -318,7 +339,9 @@ class Parameter:
     choices : tuple of str
     low, high : float or None
         Limits of a number; with `above`, the lower limit itself isn't allowed.
-    argument, expert : bool
+    argument : bool
+    expert : bool
+        Whether forms fold it.
     names, titles, role, decision, local, output, file
         See `field`.
     record : type of BaseModel or None
@@ -379,13 +402,14 @@ class Parameter:
 
 
 def parameters(model: type[BaseModel]) -> tuple[Parameter, ...]:
-    """Return the fields of a request: arguments first, then in order, base classes last."""
+    """Return the fields of a request: arguments first, then own ones, those of bases last."""
     own = [name for name in model.model_fields if name in model.__annotations__]
     names = dict.fromkeys([*own, *model.model_fields])
     fields = [_parameter(name, model.model_fields[name]) for name in names]
     if basic := getattr(model, "basic", ()):
         fields = [replace(each, expert=each.name not in basic) for each in fields]
-    return tuple(sorted(fields, key=lambda each: not each.argument))
+    order = list(model.model_fields)
+    return tuple(sorted(fields, key=lambda each: order.index(each.name) if each.argument else 999))
 
 
 def _parameter(name: str, info: FieldInfo) -> Parameter:
@@ -401,6 +425,7 @@ def _parameter(name: str, info: FieldInfo) -> Parameter:
     bounds = {type(each): each for each in details if isinstance(each, Gt | Ge | Le | Lt)}
     low, high = bounds.get(Ge, bounds.get(Gt)), bounds.get(Le, bounds.get(Lt))
     default = None if info.is_required() else info.get_default(call_default_factory=True)
+    record = kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
     return Parameter(
         name=name,
         title=str(extra.get("title") or info.title or title_of_name(name)),
@@ -418,7 +443,6 @@ def _parameter(name: str, info: FieldInfo) -> Parameter:
         high=_bound(high),
         above=Gt in bounds and Ge not in bounds,
         argument=bool(extra.get("argument")),
-        expert=bool(extra.get("expert")),
         names=str(extra.get("choices") or ""),
         titles=extra.get("titles") or {},  # type: ignore[arg-type]  # as `field` has it
         role=extra.get("role") or "operator",  # type: ignore[arg-type]  # as `field` has it
@@ -426,7 +450,8 @@ def _parameter(name: str, info: FieldInfo) -> Parameter:
         local=bool(extra.get("local")),
         output=tuple(extra.get("output") or ()),  # type: ignore[arg-type]  # as `field` has it
         file=bool(extra.get("file")),
-        record=kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None,
+        record=record,
+        expert=record is not None,
         numbered=next((each.record for each in details if isinstance(each, Numbered)), ""),
     )
 
@@ -497,8 +522,9 @@ class Operation:
     bench : callable, optional
         ``bench(registry, request)`` returns the description of the bench that the request needs, if
         it isn't the default one.
-    where : {"bench", "records", "files"}
-        Whether it needs an open bench, a registry, or only files.
+    where : {"bench", "records", "folder", "files"}
+        Whether it needs an open bench, a registry, a data directory whose registry may be lost, or
+        only files.
     role : {"operator", "metrologist", "administrator"}
         Role that may request it.
     moves : bool
@@ -537,7 +563,7 @@ class Operation:
     preview: Callable[[Any, Any], Preview] | None = None
     check: Callable[[Any, Any], Iterable[str]] = _nothing_to_check
     bench: Callable[[Registry, Any], BenchDescription] | None = None
-    where: Literal["bench", "records", "files"] = "records"
+    where: Literal["bench", "records", "folder", "files"] = "records"
     role: Role = "operator"
     moves: bool = False
     loads: bool = False
@@ -604,3 +630,16 @@ class Operation:
     def result(self) -> type[Result]:
         """Type of its result."""
         return get_type_hints(self.run)["return"]  # type: ignore[no-any-return]
+
+
+def on_files(
+    name: str,
+    request: type[Request],
+    run: Callable[[Any, Any, Progress], Result],
+    title: Callable[[Any], str],
+    check: Callable[[Any, Any], Iterable[str]] = _nothing_to_check,
+    *,
+    quick: bool = True,
+) -> Operation:
+    """Return an operation that only reads and writes files."""
+    return Operation(name, request, run, title, check=check, where="files", quick=quick)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
-from torquebench.errors import BenchError
+from torquebench.errors import BenchError, InputError
+from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records.signatures import Signature
 
@@ -20,7 +23,15 @@ if TYPE_CHECKING:
     from torquebench.reducers import ReducerDescription
     from torquebench.station import Station
 
+
+REGISTRY_URL = "TORQUEBENCH_REGISTRY"
+"""Environment variable with the URL of a registry server; see `records.REGISTRY_URL`."""
+REGISTRY_FILE = "registry.sqlite"
+"""Registry file in a data directory; see `records.REGISTRY_FILE`."""
+
 __all__ = [
+    "REGISTRY_FILE",
+    "REGISTRY_URL",
     "ROLES",
     "EndedError",
     "Library",
@@ -29,6 +40,8 @@ __all__ = [
     "Role",
     "allows",
     "compute_here",
+    "data_directory",
+    "has_registry",
 ]
 
 Role = Literal["operator", "metrologist", "administrator"]
@@ -105,6 +118,8 @@ class Place:
         The registry; None for operations on files.
     station : Station
         The open bench; None for operations without it.
+    folder : pathlib.Path
+        The data directory, even if its registry can't be opened.
     signature : Signature
         How the person was authenticated; typed on this computer by default.
     on_pause : callable, optional
@@ -127,6 +142,7 @@ class Place:
     library: Library
     registry: Registry = None  # type: ignore[assignment]  # only operations on files have none
     station: Station = None  # type: ignore[assignment]  # only operations on the bench use it
+    folder: Path = Path()
     signature: Signature = field(default_factory=Signature.typed)
     on_pause: OnPause | None = None
     compute: Callable[..., Any] = compute_here
@@ -155,6 +171,36 @@ class Place:
             "progress": progress,
             "on_pause": self.on_pause,
         }
+
+
+def data_directory(path: Path) -> Path:
+    """Return a data directory, checked to have a registry in it or on the named server.
+
+    Raises
+    ------
+    InputError
+        Where there is no registry.
+    """
+    if not has_registry(path):
+        from torquebench.records.registry.database import WAY_BACK, lost_registry
+
+        if lost := lost_registry(path):
+            raise InputError(
+                Message("the registry of {path} {lost}", path, lost),
+                "a registry that lists these runs",
+                WAY_BACK,
+            )
+        raise InputError(
+            Message("no records in {path}", path),
+            "a data directory of torquebench",
+            "name it with --data, or run `torquebench demo` or `torquebench calibrate` first",
+        )
+    return path
+
+
+def has_registry(path: Path) -> bool:
+    """Return whether a registry exists in this data directory or is named on a server."""
+    return bool(os.environ.get(REGISTRY_URL)) or (path / REGISTRY_FILE).is_file()
 
 
 class EndedError(BenchError):

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from torquebench.tables import CalibrationTable, Conversion, Understood
     from torquebench.uncertainty import CertifiedUncertainty
 
+
 __all__ = [
     "CalibrationTable",
     "DayOrTime",
@@ -49,7 +50,6 @@ Without = Annotated[
     field(
         "Don't correct hysteresis, temperature, rotation, inertia or ripple: U contains it "
         "instead. May be repeated.",
-        expert=True,
     ),
 ]
 
@@ -86,7 +86,6 @@ class TorqueTable(Request):
         field(
             "Assigns a header to a quantity, as in reading=Drehmoment[Nm]; a minus sign before "
             "the header reverses the sign. May be repeated.",
-            expert=True,
         ),
     ] = ()
     sensitivity: Annotated[
@@ -94,18 +93,14 @@ class TorqueTable(Request):
         field(
             "Sensitivity of readings in mV/V, V, mA, Hz or counts: `2.0015 mV/V at 500 Nm`, `50 Nm "
             "per V`, or two points, `10 kHz at 0 Nm; 15 kHz at 500 Nm`.",
-            expert=True,
         ),
     ] = None
-    arm: Annotated[
-        str | None, field("Lever arm of forces and masses, as 0.5m or 20in.", expert=True)
-    ] = None
+    arm: Annotated[str | None, field("Lever arm of forces and masses, as 0.5m or 20in.")] = None
     gravity: Annotated[
         Number | None,
         field(
             "Local acceleration of free fall for masses; 9.80665 by default.",
             unit="m/s²",
-            expert=True,
         ),
     ] = None
 

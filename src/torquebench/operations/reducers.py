@@ -58,7 +58,6 @@ class CompensatedRequest(MountedRequest):
         field(
             "Also use models that were made with this counter (serial/clock), with more "
             "uncertainty.",
-            expert=True,
             max_length=200,
         ),
     ] = None
@@ -66,7 +65,6 @@ class CompensatedRequest(MountedRequest):
         Number,
         field(
             "Largest difference of the two counters' clocks, ppm.",
-            expert=True,
             ge=0.001,
             le=1000,
         ),
@@ -92,6 +90,8 @@ class ReducerTestRequest(CompensatedRequest):
     forbid a verdict or a part failed.
     """
 
+    basic = ("test", "reducer", "serial", "short")
+
     test: Annotated[
         TestName,
         field(
@@ -115,32 +115,26 @@ class ReducerTestRequest(CompensatedRequest):
         field(
             "Largest number of repeats of no-load torque and efficiency, and of the empty run; by "
             "default 12 and 8. Repeating ends when the means are known well enough.",
-            expert=True,
         ),
     ] = None
     loops: Annotated[
         Count | None,
         field(
             "Torque-angle loops at each output position; by default 3, of a short test 2.",
-            expert=True,
         ),
     ] = None
     positions: Annotated[
         Count | None,
         field(
             "Output positions of the loops, over one turn; by default 5, of a short test 1.",
-            expert=True,
         ),
     ] = None
-    subtract_twist: Annotated[
-        Flag, field("Subtract the bench's own twist from the loops.", expert=True)
-    ] = True
+    subtract_twist: Annotated[Flag, field("Subtract the bench's own twist from the loops.")] = True
     twist_arcmin_per_nm: Annotated[
         Number | None,
         field(
             "The bench's own twist, arcmin/(N·m); then it isn't measured.",
             title="Known twist",
-            expert=True,
             ge=0,
         ),
     ] = None
@@ -150,7 +144,6 @@ class ReducerTestRequest(CompensatedRequest):
             "Measure an empty run (nothing mounted) before no-load torque and efficiency, and "
             "subtract it. By default only if the measuring chains don't correct rotation; not in a "
             "short test.",
-            expert=True,
         ),
     ] = None
 
@@ -177,6 +170,8 @@ class StandardReducerRequest(CompensatedRequest):
     The input is driven in steps of speed up to 1200 rpm, output free. The input module is
     compensated by its model in use; without one, the result says so.
     """
+
+    basic = ("reducer", "tolerance_percent_fs", "repeats", "both_directions")
 
     reducer: Annotated[
         Name | None,

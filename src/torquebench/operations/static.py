@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 from torquebench import calibration
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.operations.operation import WHOLE, Day, Flag, Name, Number, Operation, field
+from torquebench.operations.operation import (
+    WHOLE,
+    Day,
+    Flag,
+    Name,
+    Number,
+    Operation,
+    field,
+    on_files,
+)
 from torquebench.operations.place import Place
 from torquebench.operations.readings import (
     DayOrTime,
@@ -482,14 +491,12 @@ def _given(stated: str, points: CalibrationData) -> CertifiedUncertainty | float
     return percent
 
 
-STATIC = Operation(
+STATIC = on_files(
     "evaluate static",
     StaticTable,
     run_static,
     lambda request: Message("evaluate {name}", request.table.name),
-    check=check_static,
-    where="files",
-    quick=True,
+    check_static,
 )
 IMPORT = Operation(
     "records import",

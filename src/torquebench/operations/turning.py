@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
     from torquebench.procedures.turning.profile import TurningProfile
 
+
 __all__ = ["TURN_MODULE"]
 
 
@@ -43,6 +44,8 @@ class TurnRequest(Request):
     speeds) in the table; `--resume` of the command measures the others.
     """
 
+    basic = ("side", "profile", "wait")
+
     side: Annotated[Side, field("Which module.", title="Module", argument=True)]
     profile: Annotated[
         Name, field("A profile's name; a command takes a .toml, too.", examples=("empty-run",))
@@ -50,7 +53,7 @@ class TurnRequest(Request):
     wait: Annotated[Flag, field("Wait for temperatures.")] = True
     seed: Annotated[
         Annotated[int, Field(ge=0, le=2**32 - 1), WHOLE] | None,
-        field("Seed of the random points of a verification.", expert=True),
+        field("Seed of the random points of a verification."),
     ] = None
     out: Annotated[
         Path | None,

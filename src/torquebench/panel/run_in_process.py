@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections.abc import Callable
+from functools import cache
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
@@ -21,6 +22,14 @@ __all__ = ["run_in_process"]
 Result = TypeVar("Result")
 POLL_INTERVAL_S = 0.2
 NICE = 5
+PRELOADED = (
+    "torquebench.panel.service.jobs.runner",
+    "torquebench.campaign.fitting",
+    "torquebench.operations.compensating",
+    "torquebench.operations.evaluating",
+    "torquebench.operations.static",
+)
+"""Modules that computations need."""
 MOST_MB, MOST_S, MOST_RESULT_MB = 4096, 900.0, 32
 """Address space, processor time and result of a computation with foreign files."""
 
@@ -56,7 +65,7 @@ def run_in_process(
     BenchError
         The process died, or the function failed otherwise.
     """
-    context = multiprocessing.get_context("spawn")
+    context = _context()
     here, there = context.Pipe()
     process = context.Process(
         target=_work,
@@ -88,6 +97,19 @@ def run_in_process(
         here.close()
         process.terminate()
         process.join()
+
+
+@cache
+def _context() -> Any:
+    """Return how processes begin: as forks of a server with the imports done, where that exists.
+
+    Importing takes seconds of processor time, which would be missing beside the bench.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():  # on Windows
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__, *PRELOADED])
+    return context
 
 
 class _Sent(NoProgress):

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from torquebench.atomic_write import atomic_write
 from torquebench.bench.certificates.torque import ReferenceCertificate
 from torquebench.bench.channels import certificates
-from torquebench.bench.mounting_record import MountingRecord
 from torquebench.bench.roles import SIDES, Side
 from torquebench.calibration import CalibrationData, load_profile
 from torquebench.calibration.profile import Profile
@@ -30,7 +29,7 @@ from torquebench.message import Message
 from torquebench.papers.factors import FactorError
 from torquebench.papers.facts import FACTS, FAILED, bench_facts, read_rows, write_rows
 from torquebench.procedures import FrictionSettings, StaircaseResult
-from torquebench.progress import NO_PROGRESS, Progress
+from torquebench.progress import NO_PROGRESS
 from torquebench.records import RunFolder
 from torquebench.reducers import CertifiedFriction, load_reducer
 from torquebench.station import Station
@@ -185,9 +184,8 @@ class PapersSettings:
 def measure_tables(
     station: Station,
     settings: PapersSettings,
-    certified: tuple[CertifiedFriction, ...] = (),
-    progress: Progress = NO_PROGRESS,
-    mounted: MountingRecord | None = None,
+    certified: tuple[CertifiedFriction, ...],
+    options: RunOptions,
 ) -> BenchTables:
     """Measure both modules against calibrator and standard, and the standard reducer's friction.
 
@@ -200,20 +198,19 @@ def measure_tables(
     certified : tuple of CertifiedFriction
         Certified friction of the standard reducer; by default that of the simulated bench. Without
         it, no friction is measured.
-    progress : Progress
-    mounted : MountingRecord, optional
-        Record of the mounting.
+    options : RunOptions
+        Options of each run.
 
     Raises
     ------
     LimitError, InterlockError, BenchError, SignalFault, RunAbortedError
         The measurement fails, as any procedure can.
     """
-    options: RunOptions = {"progress": progress, "mounting": mounted}
     # On a simulated bench, the reducer test uses compensated torques.
     compensated = bool(settings.reducer_test) and station.drivers.truth is not None
     registered = registers_calibration([ModelChoice(RECOMMENDED)], RECOMMENDED)
-    calibrating: RunOptions = {**options, "metadata": registered if compensated else {}}
+    metadata = {**options.get("metadata", {}), **(registered if compensated else {})}
+    calibrating: RunOptions = {**options, "metadata": metadata}
     calibrations = {
         side: measure_calibration(station, side, settings.calibration, **calibrating)
         for side in SIDES
@@ -240,7 +237,11 @@ def measure_tables(
     if compensated:
         for side, measured in calibrations.items():
             evaluate_and_register(
-                CALIBRATION, station.registry, measured, settings.calibration, progress
+                CALIBRATION,
+                station.registry,
+                measured,
+                settings.calibration,
+                options.get("progress", NO_PROGRESS),
             )
             station.activate_compensation(side)
     description = station.description
@@ -249,7 +250,7 @@ def measure_tables(
         drawn = description.simulation
         name += f", preset {drawn.get('preset', 'nominal')}, seed {drawn.get('seed', 1)}"
     quantities, failures = _reducer(station, settings.reducer_test, options)
-    facts = {**bench_facts(station, mounted), **failures}
+    facts = {**bench_facts(station, options.get("mounting")), **failures}
     return BenchTables(name, description.simulated, modules, friction, facts, quantities)
 
 
@@ -312,12 +313,12 @@ def _reducer(
 
 
 def measure_module(
-    station: Station, side: Side, settings: PapersSettings, progress: Progress = NO_PROGRESS
+    station: Station, side: Side, settings: PapersSettings, options: RunOptions
 ) -> ModuleTables:
     """Calibrate and verify one module; calibrate a simulated transducer alone, too."""
-    calibrated = measure_calibration(station, side, settings.calibration, progress=progress)
+    calibrated = measure_calibration(station, side, settings.calibration, **options)
     same = settings.verification.with_options(same_points=True)
-    verified = measure_verification(station, side, same, settings.seed, progress=progress)
+    verified = measure_verification(station, side, same, settings.seed, **options)
     data = calibrated.result.data
     return ModuleTables(
         _referenced(calibrated), _referenced(verified), None, _alone(station, side, data)
@@ -461,7 +462,7 @@ def read_tables(folder: Path) -> BenchTables:
         raise InputError(
             Message("{folder}: no calibration", folder),
             Message("calibration-input or calibration-output, as {read}", reads()),
-            "rename the tables; `torquebench papers --save FOLDER` writes an example",
+            "rename the tables; `torquebench papers-tables` writes an example",
         )
     friction = None
     path = _table_file(folder, "friction-standard-reducer")

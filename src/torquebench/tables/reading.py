@@ -57,7 +57,6 @@ def read_table(
     path: Path | str,
     *,
     limits: Limits = LIMITS,
-    isolated: bool = False,
     called: str = "",
 ) -> Table:
     """Return the table in a file of any format; ``-`` is text from standard input.
@@ -69,8 +68,6 @@ def read_table(
         sheet, group or variable.
     limits : Limits
         Limits of memory, time and size.
-    isolated : bool
-        Whether text is also read in a separate process, as in programs that command a bench.
     called : str
         Name of the file in messages; by default its path.
 
@@ -81,9 +78,7 @@ def read_table(
         package isn't installed.
     """
     with ExitStack() as opened:
-        file = open_table(
-            Path(path), opened, limits=limits, isolated=isolated, rows=_WHOLE, called=called
-        )
+        file = open_table(Path(path), opened, limits=limits, rows=_WHOLE, called=called)
         pieces, rows = [], 0
         for raw, _ in file.raw():
             if (piece := file.piece(raw)) is not None:
@@ -104,14 +99,13 @@ def open_table(
     *,
     rows: int,
     limits: Limits = BATCHES,
-    isolated: bool = False,
     called: str = "",
 ) -> OpenTable:
     """Open a table to be read in pieces; `opened` closes it.
 
     Parameters
     ----------
-    path, limits, isolated, called
+    path, limits, called
         As in `read_table`.
     rows : int
         Largest number of rows in a piece; pieces of text have a fixed size in bytes instead.
@@ -132,8 +126,7 @@ def open_table(
         content.seek(0)
     if chosen.name == "csv":
         _refuse_markup(file, head)
-        if not isolated or size is None:
-            return _of_text(TextFile(called or str(file), content, size or 0, most))
+        return _of_text(TextFile(called or str(file), content, size or 0, most))
     check_installed(chosen, file.name)
     stream = opened.enter_context(open_isolated(file, part, chosen.name, rows, limits, called))
     header, schema = stream.header, stream.schema
@@ -232,9 +225,7 @@ def _remarks(schema: Any) -> dict[str, str]:
     return {key: value for key, value in notes.items() if key not in own and "\n" not in value}
 
 
-def table_text(
-    path: Path, *, called: str = "", isolated: bool = False, limits: Limits = LIMITS
-) -> str:
+def table_text(path: Path, *, called: str = "", limits: Limits = LIMITS) -> str:
     """Return a table as text: a text file unchanged, any other file as CSV.
 
     Raises
@@ -247,7 +238,7 @@ def table_text(
         if format_of_content(path, content.read(_HEAD_BYTES)).name == "csv":
             content.seek(0)
             return decode_text(content.read(), called or str(path))
-    table = read_table(path, limits=limits, isolated=isolated, called=called)
+    table = read_table(path, limits=limits, called=called)
     text = io.StringIO()
     for name, value in table.remarks.items():
         text.write(f"# {name} = {value}\n")

@@ -46,7 +46,7 @@ class Interfaces:
     service: BenchService
     token: str
     folder: Path
-    command: Callable[..., tuple[int, dict[str, Any]]]
+    command: Callable[..., tuple[int, dict[str, Any]]] = lambda *_words: (0, {})
     handed: dict[str, str] = field(default_factory=dict)
 
     @cached_property
@@ -112,6 +112,8 @@ class Interfaces:
             several = value if isinstance(value, list) else [value]
             if parameter.numbered:
                 several = [f"{parameter.numbered}-{each}" for each in several]
+            if isinstance(value, dict):
+                several = [f"{key}={each}" for key, each in value.items()]
             for each in several:
                 words += [str(each)] if parameter.argument else [option] * (value is True) or [
                     option, str(each),
@@ -162,25 +164,38 @@ class OperationContract:
         """Return an operation's name and a request that is refused."""
         return self.name, dict(self.refused)
 
-    @pytest.fixture
-    def recorded(self, tmp_path: Path) -> Path:
+    @pytest.fixture(scope="class")
+    @classmethod
+    def recorded(cls, tmp_path_factory: pytest.TempPathFactory) -> Path:
         """Return a data folder whose copies the interfaces begin with; by default a new one."""
-        folder = tmp_path / "recorded"
+        folder = tmp_path_factory.mktemp("recorded") / "data"
         with BenchService.open(None, folder, fast=True):
             return folder
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def benches(
+        cls, recorded: Path, tmp_path_factory: pytest.TempPathFactory
+    ) -> Iterator[Interfaces]:
+        """Yield a bench behind the API and records for commands; all tests share them."""
+        begun = tmp_path_factory.mktemp("interfaces")
+        served, folder = (shutil.copytree(recorded, begun / name) for name in ("api", "command"))
+        with people_of(served):
+            pass
+        with BenchService.open(None, served, fast=True) as service:
+            token = service.people.sign_in("Chief", PASSWORD, "here")
+            benches = Interfaces(service, token, folder)
+            benches.http("GET", "/operations")  # the first request starts threads
+            yield benches
 
     @pytest.fixture
     def interfaces(
         self,
-        recorded: Path,
-        tmp_path: Path,
+        benches: Interfaces,
         monkeypatch: pytest.MonkeyPatch,
         capsys: pytest.CaptureFixture[str],
-    ) -> Iterator[Interfaces]:
-        """Yield a bench behind the API, and the command line beside it."""
-        served, folder = (shutil.copytree(recorded, tmp_path / name) for name in ("api", "command"))
-        with people_of(served):
-            pass
+    ) -> Interfaces:
+        """Return the benches with the command line beside them."""
 
         def command(*words: str) -> tuple[int, dict[str, Any]]:
             monkeypatch.setattr("sys.argv", ["torquebench", *words])
@@ -188,9 +203,8 @@ class OperationContract:
                 cli.main()
             return int(end.value.code or 0), json.loads(capsys.readouterr().out.splitlines()[-1])
 
-        with BenchService.open(None, served, fast=True) as service:
-            token = service.people.sign_in("Chief", PASSWORD, "here")
-            yield Interfaces(service, token, folder, command)
+        benches.command = command
+        return benches
 
     def test_a_result_is_the_same(
         self, interfaces: Interfaces, possible_request: tuple[str, dict[str, Any]]

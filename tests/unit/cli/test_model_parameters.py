@@ -5,14 +5,15 @@ import json
 import pytest
 
 from torquebench import cli
-from torquebench.cli.operations import _entered
-from torquebench.operations import OPERATIONS, parameters
+from torquebench.cli.options import named_values
+from torquebench.operations import OPERATIONS
 
 
 def test_values_become_numbers_and_words() -> None:
     given = ["epochs=300", "learning_rate = 5e-3", "mapping=direct", "target_error_nm=none"]
-    asked = {each.name: each for each in parameters(OPERATIONS["fit"].request)}
-    assert _entered(asked, {"parameters": given})["parameters"] == {
+    texts = named_values(given, "--parameter", "epochs=300")
+    request = {"tables": ["a.csv"], "model": "published-network", "parameters": texts}
+    assert OPERATIONS["fit"].request.model_validate(request).parameters == {
         "epochs": 300,
         "learning_rate": 0.005,
         "mapping": "direct",

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from torquebench.cli.options import check_output, data_directory, named_values, numbered
+from torquebench.cli.options import check_output, data_directory, named_values
 from torquebench.errors import InputError
 
 
@@ -43,9 +43,3 @@ def test_a_name_given_twice_is_refused() -> None:
     }
     with pytest.raises(InputError, match="change by twice"):
         named_values(["by=Ann", "by=Bob"], "change", "by=Ann")
-
-
-def test_a_records_number_has_digits_only() -> None:
-    assert numbered("model-14", "model") == ("model", 14)
-    assert numbered("model-²", "model") is None
-    assert numbered("run-14", "model") is None

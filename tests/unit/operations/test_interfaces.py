@@ -1,12 +1,18 @@
 """Every operation by command, API and job: the same result, and the same refusal."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.unit.chain.test_lubrication import CHAIN as CHAIN_EFFECTS
+from tests.unit.chain.test_lubrication import lubricated
+from tests.unit.dynamics.simulated_chain import SimulatedChain, sines, steps
 
-from torquebench.operations import OPERATIONS, PackagedLibrary, Place
+from torquebench.chain import MeasuringChain
+from torquebench.compensation import load_model, save_model
+from torquebench.operations import OPERATIONS, PackagedLibrary, Place, parameters
 from torquebench.panel.service import Actor, BenchService
 from torquebench.progress import NO_PROGRESS
 from torquebench.testing.operations import Interfaces, OperationContract
@@ -14,16 +20,21 @@ from torquebench.testing.operations import Interfaces, OperationContract
 CHIEF = Actor("Chief", "administrator", "chief")
 ANA = Actor("ana", "metrologist", "client-1", "client")
 QUICK = {"side": "input", "step_percent": 50.0, "models": ["polynomial-2"]}
-FOREIGN = ("hysteresis", "friction", "no-load", "transmission-error", "efficiency")
 EXAMPLES = Path(__file__).parents[3] / "examples"
+FIELD = Path(__file__).parents[1] / "reducers" / "field"
 READINGS = str(EXAMPLES / "readings-output.csv")
 STATIC = {
     "table": str(EXAMPLES / "calibration-output.csv"),
     "resolution_nm": 0.01,
     "reference_uncertainty": "0.02 of torque",
 }
-MODEL = "model.json"
-"""A model file that is fitted first."""
+RUN = "run of A1"
+"""A run of the records."""
+FRICTION = "friction.csv"
+MADE = ("model.json", "chain.json", FRICTION, "empty.csv", "steps.csv", "sines.csv")
+"""Files that are made first: models without and with effects, and tables."""
+MODEL, CHAIN = MADE[:2]
+TRANSDUCER = {"kind": "transducer", "serial": "SIM-T50"}
 POSSIBLE: dict[str, dict[str, Any]] = {
     "zero": {},
     "calibrate": QUICK,
@@ -45,11 +56,51 @@ POSSIBLE: dict[str, dict[str, Any]] = {
     "export": {"model": MODEL, "out": "table.h"},
     "budget": {"model": MODEL, "readings_nm": [100.0, -50.0], "reference": "0.02 of torque"},
     "evaluate static": STATIC,
-    "evaluate hysteresis": {
-        "data": [str(EXAMPLES / "loops-rv-40e.csv")],
-        "reducer": "rv-40e",
+    "evaluate hysteresis": {"data": [str(EXAMPLES / "loops-rv-40e.csv")], "reducer": "rv-40e"},
+    "evaluate friction": {"data": [FRICTION]},
+    "evaluate no-load": {"data": [FRICTION]},
+    "evaluate breakaway": {
+        "data": [str(FIELD / "breakaway_staircase.csv")],
+        "kind": "back-driving",
     },
     "bench new": {"out": "bench.toml", "drives": "modbus"},
+    "evaluate transmission-error": {
+        "data": [str(FIELD / "te_large_error_one_turn.csv")],
+        "ratio": 10.0,
+        "highest_order": 1.0,
+    },
+    "evaluate efficiency": {"data": [str(FIELD / "efficiency_chain.csv")], "ratio": 10.0},
+    "evaluate dynamics": {"runs": ["steps.csv", "sines.csv"], "out": "filter.json"},
+    "evaluate lubrication": {"run": "empty.csv", "model": CHAIN, "out": "renewed.json"},
+    "doctor": {},
+    "mechanics additional-torque": {"design": "input"},
+    "mechanics sections": {},
+    "records list": {"kind": "calibrations"},
+    "records show": {"name": "calibration-1"},
+    "records audit": {"alarms": True},
+    "records verify": {},
+    "records amend": {
+        "record": "calibration-2",
+        "changes": {"profile_name": "steps"},
+        "reason": "a slip",
+    },
+    "records export": {"run": RUN, "out": "run.zip"},
+    "records export-data": {"run": RUN, "out": "samples.csv"},
+    "records equipment": {"serial": "SIM-T50"},
+    "records add-equipment": {"kind": "reducer", "serial": "R-1", "details": {"ratio": "80"}},
+    "records add-certificate": {
+        **TRANSDUCER,
+        "number": "K-1",
+        "uncertainty_percent": 0.05,
+        "due": "2099-01-31",
+    },
+    "records fit-part": {
+        **TRANSDUCER,
+        "into_kind": "bench",
+        "into_serial": "Simulated reducer bench",
+        "role": "spare",
+    },
+    "records adjust": {"kind": "encoder", "serial": "SIM-ENC-IN", "what": "cleaned"},
     "records import": {
         **STATIC,
         "profile": "check",
@@ -63,9 +114,12 @@ POSSIBLE: dict[str, dict[str, Any]] = {
     "records use": {"model": 1, "reason": "checked"},
     "records deactivate": {"side": "input"},
     "records review": {"record": "calibration-1", "remark": "as expected"},
-    "records compare-tests": {"runs": ["A1", "A2"]},
+    "records compare-tests": {"runs": [RUN, "run of A2"]},
 }
-"""Requests that are done; runs are named by their specimens here."""
+"""Requests that are done."""
+OF_INTERRUPTED_RUNS = {"resume", "records finish", "records discard"}
+LONG = {"turn", "in-place", "papers-tables", "mechanics supports"}
+"""They take long; `tests/system` runs them."""
 REFUSED: dict[str, dict[str, Any]] = {
     "zero": {"sides": ["middle"]},
     "calibrate": {"side": "both", "up_to_nm": 40.0},
@@ -83,11 +137,36 @@ REFUSED: dict[str, dict[str, Any]] = {
     "export": {"model": READINGS, "out": "table.h"},
     "budget": {"model": MODEL, "readings_nm": [1e9]},
     "evaluate static": {**STATIC, "reference_uncertainty": "20 of torque"},
-    **{f"evaluate {name}": {"data": [READINGS]} for name in FOREIGN},
+    **{
+        f"evaluate {name}": {"data": [READINGS]}
+        for name in ("hysteresis", "friction", "no-load", "transmission-error", "efficiency")
+    },
     "evaluate breakaway": {"data": [READINGS], "kind": "sideways"},
     "evaluate dynamics": {"runs": [READINGS], "out": "filter.json"},
     "evaluate lubrication": {"run": READINGS, "model": READINGS, "out": "chain.json"},
     "bench new": {"out": "bench.toml", "counter": "hbm"},
+    "in-place": {"side": "middle"},
+    "papers-tables": {"reducer": "rv-40e"},
+    "mechanics additional-torque": {"design": "none"},
+    "mechanics supports": {"arm_height": 0.9},
+    "records list": {"kind": "nonsense"},
+    "records show": {"name": "calibration-99"},
+    "records audit": {"run": "none"},
+    "records verify": {"end": ["none"]},
+    "records amend": {"record": "lamp-1", "changes": {"profile_name": "x"}, "reason": "a slip"},
+    "records export": {"run": "none", "out": "run.zip"},
+    "records export-data": {"run": RUN, "out": "samples.csv", "format": "hdf5"},
+    "records equipment": {"serial": "X-1"},
+    "records add-equipment": {"kind": "lamp", "serial": "R-1"},
+    "records add-certificate": {
+        "kind": "drive",
+        "serial": "X-1",
+        "number": "K-1",
+        "uncertainty_percent": 0.05,
+        "due": "2099-01-31",
+    },
+    "records fit-part": {**TRANSDUCER, "into_kind": "bench", "into_serial": "X", "role": "spare"},
+    "records adjust": {"kind": "drive", "serial": "X-1", "what": "cleaned"},
     "records import": {**STATIC, "performed": "2099-01-01"},
     "records compare": {"first": "calibration-1", "second": "calibration-99"},
     "records drift": {"serial": "X-1"},
@@ -100,6 +179,33 @@ REFUSED: dict[str, dict[str, Any]] = {
     "records finish": {"run_id": "none"},
     "records discard": {"run_id": "none", "reason": "a trial"},
 }
+
+
+def _write(path: Path, names: str, *columns: Any) -> None:
+    lines = (",".join(f"{value:.9g}" for value in row) for row in zip(*columns, strict=True))
+    path.write_text("\n".join([names, *lines]) + "\n", encoding="utf-8")
+
+
+def _make_files(folder: Path) -> None:
+    """Fit a small model, add effects to a copy of it, and write tables."""
+    fit = OPERATIONS["fit"]
+    request = {**POSSIBLE["fit"], "out": folder / MODEL}
+    fit.run(Place("", PackagedLibrary()), fit.request.model_validate(request), NO_PROGRESS)
+    stored = load_model(folder / MODEL)
+    effects = MeasuringChain.of(stored).with_effects(CHAIN_EFFECTS).specification()
+    provenance = replace(stored.provenance, effects=effects)
+    save_model(folder / CHAIN, replace(stored, provenance=provenance))
+    run = lubricated(0.8)
+    columns = (run.time_s, run.reading_nm, run.speed_rpm, run.temperature_c)
+    _write(folder / "empty.csv", "time_s,reading_nm,speed_rpm,temperature_c", *columns)
+    chain = SimulatedChain(noise_nm=0.005)
+    for name, torque, duration_s in (("steps", steps, 0.09), ("sines", sines, 0.25)):
+        names = "time_s,reading_nm,standard_nm"
+        _write(folder / f"{name}.csv", names, *chain.run(torque, duration_s))
+    speeds = [sign * speed for sign in (1, -1) for speed in (100.0, 300.0, 600.0, 1000.0)] * 2
+    torques = [0.2 * (1 if speed > 0 else -1) + 1e-4 * speed for speed in speeds]
+    repeats = [1] * 8 + [2] * 8
+    _write(folder / FRICTION, "speed_rpm,torque_nm,repeat", speeds, torques, repeats)
 
 
 @pytest.fixture(scope="module")
@@ -122,18 +228,23 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
         'city = "Ulm"\ncountry = "DE"\npeople = ["Chief", "Olga"]\n',
         encoding="utf-8",
     )
-    fit = OPERATIONS["fit"]
-    request = {**POSSIBLE["fit"], "out": folder / MODEL}
-    place = Place("", PackagedLibrary())
-    fit.run(place, fit.request.model_validate(request), NO_PROGRESS)
+    _make_files(folder)
     return folder
 
 
-def _placed(values: dict[str, Any], records: Path, folder: Path) -> dict[str, Any]:
-    """Return a request with the model's path, and a path of the file to be written."""
-    if values.get("model") == MODEL:
-        values = {**values, "model": str(records / MODEL)}
-    return {**values, "out": str(folder / values["out"])} if "out" in values else values
+def _placed(name: str, value: Any, interfaces: Interfaces, folder: Path) -> Any:
+    """Return a request's value with paths, and the names of runs."""
+    if name == "out":
+        return str(folder / value)
+    if isinstance(value, list):
+        return [_placed("", each, interfaces, folder) for each in value]
+    if value in MADE:
+        return str(interfaces.folder / value)
+    if str(value).startswith("run of "):
+        runs = interfaces.service.station.registry.runs()
+        runs = [run.run_id for run in runs if run.kind.startswith("test-")]
+        return runs[-1 if value == RUN else -2]
+    return value
 
 
 class TestOperations(OperationContract):
@@ -141,25 +252,26 @@ class TestOperations(OperationContract):
     def possible_request(
         self, request: pytest.FixtureRequest, interfaces: Interfaces, tmp_path: Path
     ) -> tuple[str, dict[str, Any]]:
-        runs = interfaces.service.station.registry.runs()
-        names = [run.run_id for run in runs if run.kind.startswith("test-")]
-        specimens = dict(zip(("A2", "A1"), names, strict=True))
-        values = POSSIBLE[request.param]
-        return request.param, {
-            name: [specimens.get(each, each) for each in value] if name == "runs" else value
-            for name, value in _placed(values, interfaces.folder, tmp_path).items()
-        }
+        values = POSSIBLE[request.param].items()
+        return request.param, {k: _placed(k, each, interfaces, tmp_path) for k, each in values}
 
     @pytest.fixture(params=REFUSED)
     def refused_request(
         self, request: pytest.FixtureRequest, interfaces: Interfaces, tmp_path: Path
     ) -> tuple[str, dict[str, Any]]:
-        return request.param, _placed(REFUSED[request.param], interfaces.folder, tmp_path)
+        values = REFUSED[request.param].items()
+        return request.param, {k: _placed(k, each, interfaces, tmp_path) for k, each in values}
 
-    @pytest.fixture
-    def recorded(self, measured: Path) -> Path:
+    @pytest.fixture(scope="class")
+    @classmethod
+    def recorded(cls, measured: Path) -> Path:
         return measured
 
 
 def test_every_operation_is_compared() -> None:
-    assert set(REFUSED) == {name for name, each in OPERATIONS.items() if each.served}
+    served = {name for name, each in OPERATIONS.items() if each.served}
+    assert set(POSSIBLE) == served - OF_INTERRUPTED_RUNS - LONG
+    without_fields = {
+        name for name in served if all(each.local for each in parameters(OPERATIONS[name].request))
+    }
+    assert set(REFUSED) == served - without_fields

@@ -17,8 +17,8 @@ from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
 from torquebench.campaign.fitting import ModelChoice, fit_models
 from torquebench.campaign.measuring import standard_at_rest
 from torquebench.campaign.registering import evaluate_and_register, registers_calibration
-from torquebench.cli.doctor.bench import _standard
 from torquebench.errors import BenchError, SignalFault
+from torquebench.operations.bench_checks import _standard
 from torquebench.procedures.standard_check import PairedTorque, check_pair
 from torquebench.progress import NoProgress
 from torquebench.records import Adjustment, RunFolder

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import AbstractContextManager
-from typing import IO, Annotated, Any
+from typing import Annotated, Any
 from urllib.parse import quote
 
 from fastapi import APIRouter, Body, Path, Query, Response
-from fastapi.responses import StreamingResponse
+from fastapi.responses import FileResponse
 from pydantic import BaseModel
 
 from torquebench.bench.roles import Side
@@ -27,7 +25,6 @@ from torquebench.panel.service import (
 )
 from torquebench.panel.service.records.queries import MEDIA
 from torquebench.records import CalibrationEntry, CertificateEntry, ModelEntry
-from torquebench.records.export.streams import Stream, StreamFormat, stream_ending
 
 __all__ = ["router", "settings_router"]
 
@@ -40,7 +37,6 @@ RunId = Annotated[str, Path(max_length=100)]
 Number = Annotated[int, Path(ge=1, le=2**53)]
 Word = Annotated[str | None, Query(max_length=64)]
 Serial = Annotated[str | None, Query(max_length=200, description="A serial number.")]
-CHUNK = 256 * 1024
 
 
 class TrendOfRun(BaseModel):
@@ -119,43 +115,6 @@ def _sends(words: str, *media_types: str) -> dict[str, Any]:
     """Describe an operation that sends a file."""
     answer = {"content": {media_type: {} for media_type in media_types}, "description": words}
     return {"response_class": Response, "responses": {200: answer}}
-
-
-@router.get("/runs/{run_id}/export", **_sends("A ZIP archive.", "application/zip"))
-def export_run(service: Watched, run_id: RunId) -> StreamingResponse:
-    """Return a run in open formats as a ZIP archive."""
-    return _file(service.records.export_zip(run_id), f"{run_id}.zip", "application/zip")
-
-
-@router.get("/runs/{run_id}/data", **_sends("One file.", "application/octet-stream"))
-def run_data(
-    service: Watched,
-    run_id: RunId,
-    file_format: Annotated[StreamFormat, Query(alias="format")] = "csv",
-    stream: Stream = "samples",
-) -> StreamingResponse:
-    """Return a run's samples (torque, angle, speed, temperature) or every edge, with units.
-
-    TDMS, MDF4 and HDF5 need the extra of their name on the server.
-    """
-    opened = service.records.data_file(run_id, file_format, stream)
-    name = f"{run_id}-{stream}{stream_ending(file_format)}"
-    return _file(opened, name, "application/octet-stream")
-
-
-def _file(
-    opened: AbstractContextManager[IO[bytes]], name: str, media_type: str
-) -> StreamingResponse:
-    file = opened.__enter__()
-
-    def content() -> Iterator[bytes]:
-        try:
-            while chunk := file.read(CHUNK):
-                yield chunk
-        finally:
-            opened.__exit__(None, None, None)
-
-    return StreamingResponse(content(), media_type=media_type, headers=_attached(name))
 
 
 @router.get("/runs/{run_id}/report", **_sends("The report as PDF.", "application/pdf"))
@@ -255,11 +214,11 @@ def add_file(
 
 
 @router.get("/files/{reference:path}", response_class=Response)
-def file(service: Watched, reference: Annotated[str, Path(max_length=200)]) -> Response:
+def file(service: Watched, reference: Annotated[str, Path(max_length=200)]) -> FileResponse:
     """Return a file that was handed in, or that an operation has written."""
     path = service.files.path(reference)
     kind = MEDIA.get(path.suffix, "application/octet-stream")
-    return Response(path.read_bytes(), media_type=kind, headers=_attached(path.name))
+    return FileResponse(path, media_type=kind, headers=_attached(path.name))
 
 
 # -- settings -------------------------------------------------------------------------------

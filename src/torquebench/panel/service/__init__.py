@@ -51,8 +51,7 @@ Alarms and stop
 Records (`records`): identifiers in, values out, never a path
     - `runs(text, kind=, side=, status=, since=, until=, limit=, offset=)` -> `RunPage`;
       `run(run_id)` -> `RunDetail` (metadata, results, tables, changes); `run_columns(run_id)`,
-      `run_trend(run_id, columns, points)` -> rows with lowest and highest; `with
-      export_zip(run_id) as file`.
+      `run_trend(run_id, columns, points)` -> rows with lowest and highest.
     - `calibrations()`, `calibration(id)` -> `CalibrationDetail`, `models()`,
       `error_curve(calibration_id, model_id=None)` -> `ErrorCurve`; `transducers()`,
       `drift(serial, tolerance_percent)`; `certificates()`, `certificate_file(number, name)`.

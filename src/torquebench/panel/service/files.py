@@ -66,9 +66,7 @@ class FileStore:
         """Make a folder for a file, and remove the oldest ones."""
         kept = sorted(self.folder.iterdir(), key=os.path.getmtime)
         for old in kept[: max(0, len(kept) - MOST_FILES + 1)]:
-            for file in old.iterdir():
-                file.unlink()
-            old.rmdir()
+            shutil.rmtree(old)
         plain = "".join(c if c.isprintable() and c not in '/\\#:*?"<>|,' else "_" for c in name)
         plain = plain.strip(". ")[-LONGEST_NAME:] or "table.csv"
         folder = secrets.token_hex(8)
@@ -92,8 +90,10 @@ class FileStore:
             )
         return path
 
-    def checked(self, request: Asked) -> Asked:
+    def checked(self, request: Asked, *, absolute: bool) -> Asked:
         """Return a request with all files checked, and places for the files to be written.
+
+        The places are absolute for work that isn't done in the folder.
 
         Raises
         ------
@@ -106,11 +106,11 @@ class FileStore:
             if each.local or value is None:
                 continue
             if each.output:
-                written[each.name] = Path(self._new(Path(value).name))
+                written[each.name] = (self.folder if absolute else Path()) / self._new(value.name)
             elif each.kind == "path":
                 for path in value if isinstance(value, tuple) else (value,):
                     self.path(str(path))
-            elif each.file and ("/" in value or not re.match(r"\s*[\d.]", value)):
+            elif each.file and re.search(r"[/\\]", value):
                 self.path(value)
         return request.model_copy(update=written)
 
@@ -124,6 +124,9 @@ class FileStore:
         written = [Path(name) for name in result.files]
         references = []
         for path in (path for path in written if path.is_absolute() and path.is_file()):
+            if path.parent.parent == self.folder:
+                references.append(path.relative_to(self.folder).as_posix())
+                continue
             references.append(self._new(path.name))
             shutil.copyfile(path, self.folder / references[-1])
         return replace(result, files=tuple(references))

@@ -130,6 +130,7 @@ class Registry(RunRecords):
         *,
         performed_by: str = "",
         reason: str = "",
+        signature: Signature | None = None,
     ) -> None:
         """Register that a part was fitted into a whole and replaces the earlier part.
 
@@ -140,7 +141,7 @@ class Registry(RunRecords):
         InputError
             Where a name belongs to an account and was typed by somebody else.
         """
-        Accounts.of(self.root).refuse_typed(performed_by, Signature.typed())
+        Accounts.of(self.root).refuse_typed(performed_by, signature or Signature.typed())
         with self.writing():
             whole_key, part_key = self.equipment_key(*whole), self.equipment_key(*part)
             present = self._fitted(whole_key).get(role)
@@ -171,7 +172,7 @@ class Registry(RunRecords):
         latest = {each.role: each for each in self.entries(ComponentChange, whole_key=whole_key)}
         return {role: change for role, change in latest.items() if change.change == "fitted"}
 
-    def add_adjustment(self, adjustment: Adjustment) -> None:
+    def add_adjustment(self, adjustment: Adjustment, signature: Signature | None = None) -> None:
         """Register work on a piece of equipment that may change its indication.
 
         Raises
@@ -179,9 +180,9 @@ class Registry(RunRecords):
         InputError
             Where a name belongs to an account and was typed by somebody else.
         """
-        accounts, signature = Accounts.of(self.root), Signature.typed()
-        for name in (adjustment.performed_by, adjustment.checked_by):
-            accounts.refuse_typed(name, signature)
+        accounts, typed = Accounts.of(self.root), Signature.typed()
+        accounts.refuse_typed(adjustment.performed_by, signature or typed)
+        accounts.refuse_typed(adjustment.checked_by, typed)
         self.add(adjustment)
 
     def adjustments(self, serial: str) -> list[Adjustment]:

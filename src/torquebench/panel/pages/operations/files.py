@@ -16,7 +16,7 @@ from torquebench.panel.components.elements import box, refilled, words
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service.files import LARGEST_FILE
 
-__all__ = ["FileField", "file_buttons"]
+__all__ = ["FileField", "download", "file_buttons"]
 
 SEND = (
     "async (event) => { let number = 0; for (const file of event.target.files) {"
@@ -89,17 +89,18 @@ class FileField(Field):
                 words("span", ", ".join(names))
 
 
+def download(visitor: Visitor, reference: str) -> None:
+    """Download a file that an operation has written."""
+    path = visitor.service.files.path(reference)
+    ui.download(path.read_bytes(), path.name)
+
+
 def file_buttons(visitor: Visitor, files: Sequence[str]) -> None:
     """Add a download button for each file that an operation has written."""
-
-    def fetch(reference: str) -> None:
-        path = visitor.service.files.path(reference)
-        ui.download(path.read_bytes(), path.name)
-
     if files:
         with box("div", "line"):
             for each in files:
                 name = each.partition("/")[2]
-                action = partial(visitor.attempt, partial(fetch, each))
+                action = partial(visitor.attempt, partial(download, visitor, each))
                 label = visitor.text("certificate.fetch", name=name)
                 button(label, action, picture="download")

@@ -271,15 +271,7 @@ def _value(asked: Parameter, said: str) -> Any:
         return int(number) if asked.kind == "whole" and number.is_integer() else number
     if asked.kind == "values":
         pairs = (part.partition("=") for part in said.split(","))
-        return {name.strip(): _plain(value.strip()) for name, _, value in pairs}
+        return {name.strip(): value.strip() for name, _, value in pairs}
     if asked.several:
         return tuple(part.strip() for part in said.split(",") if part.strip())
     return said
-
-
-def _plain(said: str) -> Any:
-    try:
-        number = typed_number(said)
-    except ValueError:
-        return said
-    return int(number) if number.is_integer() and "." not in said else number

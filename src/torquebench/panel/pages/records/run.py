@@ -29,6 +29,7 @@ from torquebench.panel.components.elements import (
 from torquebench.panel.pages.calibrate.resume import resume_button
 from torquebench.panel.pages.calibrate.start import calibration_address
 from torquebench.panel.pages.frame import frame
+from torquebench.panel.pages.operations.files import download
 from torquebench.panel.pages.page import page
 from torquebench.panel.pages.records.column_titles import (
     column_title,
@@ -39,7 +40,7 @@ from torquebench.panel.pages.records.column_titles import (
 from torquebench.panel.pages.visitor import Visitor, profile_titles
 from torquebench.panel.service import InterruptedView, Marker, RunDetail, RunTable
 from torquebench.panel.text import Text
-from torquebench.records.export.streams import STREAM_FORMATS, StreamFormat, stream_ending
+from torquebench.records.export.streams import STREAM_FORMATS, stream_ending
 from torquebench.units import minus_signs
 
 __all__ = ["doubt_notes", "run_address", "run_title"]
@@ -109,7 +110,8 @@ class _RunPanel:
         with panel(text("run.title", number=self._run_id)), box("div", "stack"):
             with box("div", "line"):
                 if detail.run.finished is not None:
-                    button(text("run.export"), self._export, picture="download")
+                    archive = partial(self._export, "records export", f"{self._run_id}.zip")
+                    button(text("run.export"), archive, picture="download")
                     formats = {"": text("run.samples_as")} | {
                         name: name.upper() for name in STREAM_FORMATS
                     }
@@ -274,28 +276,21 @@ class _RunPanel:
 
         draw()
 
-    async def _export(self) -> None:
-        """Pack the run on another thread, and download it."""
-        packed = await self._visitor.attempt_aside(self._packed)
-        if packed is not None:
-            ui.download(packed, f"{self._run_id}.zip")
+    async def _export(self, operation: str, name: str) -> None:
+        """Export the run beside the event loop, and download the file."""
+        visitor = self._visitor
+        request = {"run": self._run_id, "out": name}
+        perform = partial(visitor.service.perform, visitor.actor, operation, request)
+        result = await visitor.attempt_aside(perform)
+        for reference in () if result is None else result.files:
+            download(visitor, reference)
 
     async def _export_data(self, chosen: str) -> None:
         """Download the samples as one file."""
         file_format = next((name for name in STREAM_FORMATS if name == chosen), None)
-        if file_format is None:
-            return
-        data = await self._visitor.attempt_aside(lambda: self._samples_as(file_format))
-        if data is not None:
-            ui.download(data, f"{self._run_id}-samples{stream_ending(file_format)}")
-
-    def _samples_as(self, chosen: StreamFormat) -> bytes:
-        with self._visitor.service.records.data_file(self._run_id, chosen, "samples") as file:
-            return file.read()
-
-    def _packed(self) -> bytes:
-        with self._visitor.service.records.export_zip(self._run_id) as archive:
-            return archive.read()
+        if file_format is not None:
+            name = f"{self._run_id}-samples{stream_ending(file_format)}"
+            await self._export("records export-data", name)
 
 
 def _worth_seeing(numbers: Mapping[str, Sequence[Any]]) -> str:

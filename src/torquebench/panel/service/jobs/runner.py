@@ -122,6 +122,7 @@ class JobRunner:
             library=self._library,
             registry=self._station.registry,
             station=self._station,
+            folder=self._station.registry.root.resolve(),
             compute=partial(run_in_process, folder=self._files.folder),
             people=self._people,
         )
@@ -138,7 +139,7 @@ class JobRunner:
         self, operation: Operation, place: Place, request: Request, progress: Progress
     ) -> Result:
         """Perform an operation; an operation on files in a process of its own."""
-        request = self._files.checked(request)
+        request = self._files.checked(request, absolute=operation.where != "files")
         if operation.where != "files":
             return self._files.copied(operation.run(place, request, progress))
         known = KnownNames.of(place.library, request)

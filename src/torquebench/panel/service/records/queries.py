@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import re
-import tempfile
-import zipfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from datetime import UTC, datetime
-from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from sqlalchemy import or_
@@ -48,7 +44,6 @@ from torquebench.records import (
     sha256_of_file,
     unfinished_runs,
 )
-from torquebench.records.export.streams import Stream, StreamFormat, export_streams, stream_ending
 from torquebench.records.runs.time_check import (
     clock_behind,
     doubts_of_calibrations,
@@ -56,7 +51,6 @@ from torquebench.records.runs.time_check import (
 )
 from torquebench.records.signatures import Signature
 from torquebench.reports.certificate import archive_folder, run_data
-from torquebench.reports.export import export_run
 
 __all__ = ["MEDIA", "RecordQueries"]
 
@@ -211,48 +205,6 @@ class RecordQueries:
         values = np.array([np.asarray(raw[name], dtype=np.float64) for name in columns])
         rows = Rows(np.asarray(raw["time_s"], dtype=np.float64), values, values, values)
         return envelope(rows, min(max(points, 1), 5000))
-
-    @contextmanager
-    def export_zip(self, run_id: str) -> Iterator[IO[bytes]]:
-        """Yield a run in open formats as a ZIP archive, open for reading.
-
-        Raises
-        ------
-        NotFoundError
-            No run has this identifier.
-        RecordError
-            The run isn't sealed.
-        """
-        summary = self._run(run_id)
-        with tempfile.TemporaryDirectory(prefix="torquebench-") as scratch:
-            folder = Path(scratch) / summary.run_id
-            exported = export_run(self._registry, summary, folder)
-            archive = Path(scratch) / "export.zip"
-            with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
-                for name in exported.files:
-                    packed.write(folder / name, f"{summary.run_id}/{name}")
-            with archive.open("rb") as file:
-                yield file
-
-    @contextmanager
-    def data_file(
-        self, run_id: str, file_format: StreamFormat, stream: Stream
-    ) -> Iterator[IO[bytes]]:
-        """Yield a stream of a run as one file, open for reading.
-
-        Raises
-        ------
-        NotFoundError
-            No run has this identifier.
-        InputError
-            The format needs an extra that isn't installed, or the run has no such stream.
-        """
-        folder = RunFolder.open(self._run(run_id).folder)
-        with tempfile.TemporaryDirectory(prefix="torquebench-") as scratch:
-            path = Path(scratch) / f"data{stream_ending(file_format)}"
-            export_streams(folder, path, file_format, stream)
-            with path.open("rb") as file:
-                yield file
 
     # -- calibrations -----------------------------------------------------------------------
 

@@ -1,79 +1,45 @@
-"""`torquebench records`: list and show measured, fitted and verified records."""
+"""List and show records, and the audit log."""
 
 from __future__ import annotations
 
-import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
-from enum import StrEnum
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
-
-from torquebench.cli.audit import audit
-from torquebench.cli.equipment import add_certificate, add_equipment, adjust, equipment, fit_part
-from torquebench.cli.export import export
-from torquebench.cli.export_data import export_data
-from torquebench.cli.options import (
-    DEFAULT_DATA,
-    HELP_MARKUP,
-    REGISTRY_FILE,
-    REGISTRY_URL,
-    DataOption,
-    data_directory,
-    numbered,
-)
-from torquebench.cli.records.backup import backup, rebuild, restore
-from torquebench.cli.records.checks import amend, verify
-from torquebench.cli.recovered import tell_unfinished
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
+from torquebench.operations.operation import WHOLE, Flag, Operation, Request, field
+from torquebench.operations.place import Place
+from torquebench.operations.records import find_run
 from torquebench.operations.result import Result
+from torquebench.progress import Progress
 from torquebench.reports.page import Facts, Page, Section, Table
 
 if TYPE_CHECKING:
     from torquebench.records import ModelEntry, Registry, RunSummary, VerificationEntry
-    from torquebench.records.runs.listing import RunLine
 
-__all__ = ["app"]
-
-app = typer.Typer(
-    name="records",
-    help="List and show the registry's contents.",
-    rich_markup_mode=HELP_MARKUP,
-    no_args_is_help=True,
+MOST_LISTED = 10**9
+SHOWN_ELSEWHERE = (
+    "event",
+    "time",
+    "bench",
+    "run",
+    "operator",
+    "bench_time_s",
+    "instrument",
+    "command",
+    "by",
+    "side",
+    "log_line",
+    "previous_sha256",
+    "sha256",
 )
 
-for command in (
-    verify,
-    amend,
-    backup,
-    restore,
-    rebuild,
-    export,
-    export_data,
-    audit,
-    equipment,
-    add_equipment,
-    add_certificate,
-    fit_part,
-    adjust,
-):
-    app.command()(command)
 
-
-class Kind(StrEnum):
-    """Kinds of lists."""
-
-    all = "all"
-    runs = "runs"
-    calibrations = "calibrations"
-    models = "models"
-    equipment = "equipment"
+# -- list and show --------------------------------------------------------------------------
 
 
 class _Line(ABC):
@@ -215,39 +181,46 @@ class ShownRecord(Result):
         return Page(self.headline, "", sections)
 
 
-@app.command("list")
-def list_records(
-    kind: Annotated[Kind, typer.Argument(help="What to list.")] = Kind.all,
-    limit: Annotated[
-        int, typer.Option(min=1, help="Largest number of rows of each kind, newest first.")
-    ] = 20,
-    everything: Annotated[bool, typer.Option("--all", help="All of them.")] = False,
-    data: DataOption = DEFAULT_DATA,
-) -> ListedRecords:
+class ListRequest(Request):
     """List runs, calibrations, models and equipment, newest first."""
-    folder = data_directory(data)
-    limit = MOST_LISTED if everything else limit
+
+    kind: Annotated[
+        Literal["all", "runs", "calibrations", "models", "equipment"],
+        field("What to list.", argument=True),
+    ] = "all"
+    limit: Annotated[int, field("Largest number of rows of each kind.", ge=1, le=10**9), WHOLE] = 20
+    all: Annotated[Flag, field("All of them.")] = False
+
+
+def run_list(place: Place, request: ListRequest, _progress: Progress) -> ListedRecords:
+    """List the chosen kinds; what can't be read is named."""
+    from torquebench.records import unfinished_runs
+
+    limit = MOST_LISTED if request.all else request.limit
     listed: dict[str, Any] = {}
     problems: list[str] = []
-    if kind is Kind.runs and (runs := _runs_at_once(folder, limit + 1)) is not None:
-        listed["runs"] = [_run(run) for run in runs]
-    else:
-        from torquebench.records import Registry, unfinished_runs
-
-        with Registry.open(folder) as registry:
-            for item in Kind:
-                if item is not Kind.all and kind in (item, Kind.all):
-                    listed[item.value] = []
-                    with _named_problems(problems):
-                        listed[item.value] = _LISTS[item](registry, limit + 1, problems)
+    unfinished: list[str] = []
+    for kind, rows_of in _LISTS.items():
+        if request.kind in (kind, "all"):
+            listed[kind] = []
             with _named_problems(problems):
-                if "runs" in listed:
-                    tell_unfinished(list(unfinished_runs(registry)))
+                listed[kind] = rows_of(place.registry, limit + 1, problems)
+    with _named_problems(problems):
+        if "runs" in listed:
+            unfinished = [
+                Message("{found}: {remedy}", run.found, run.remedy)
+                for run in unfinished_runs(place.registry)
+            ]
     problems = list(dict.fromkeys(problems))
     more = [name for name, rows in listed.items() if len(rows) > limit]
     return ListedRecords(
-        headline=f"There are more than these {limit}: --limit NUMBER, or --all" if more else "",
-        remarks=tuple(f"{problem}; see `torquebench records verify`" for problem in problems),
+        headline=Message("There are more than these {limit}: --limit NUMBER, or --all", limit)
+        if more
+        else "Records",
+        remarks=(
+            *unfinished,
+            *(Message("{problem}; see `torquebench records verify`", each) for each in problems),
+        ),
         more=more,
         problems=problems,
         **{name: rows[:limit] for name, rows in listed.items()},
@@ -267,40 +240,36 @@ def _named_problems(problems: list[str]) -> Iterator[None]:
         problems.append(f"{type(error).__name__}: {error}")
 
 
-def _runs_at_once(folder: Path, limit: int) -> Sequence[RunLine] | None:
-    """Return the newest runs directly from the SQLite file, without opening the registry.
+class ShowRequest(Request):
+    """Show one record, and check its files against their hashes."""
 
-    None if the file isn't a registry of this version, or if a run may be unfinished.
-    """
-    if os.environ.get(REGISTRY_URL):
-        return None
-    from torquebench.records.runs.listing import maybe_unfinished, newest_runs
-
-    file = folder / REGISTRY_FILE
-    return None if maybe_unfinished(file) else newest_runs(file, limit)
-
-
-@app.command("show")
-def show_record(
     name: Annotated[
         str,
-        typer.Argument(help="A run's id or its beginning, `latest`, `model-3`, `calibration-2`."),
-    ],
-    data: DataOption = DEFAULT_DATA,
-) -> ShownRecord:
-    """Show one record, and check its files against their hashes."""
-    from torquebench.operations.records import find_run
-    from torquebench.records import Registry
-
-    with Registry.open(data_directory(data)) as registry:
-        named = numbered(name, "model", "calibration")
-        if named is None:
-            return _show_run(find_run(registry, name))
-        kind, number = named
-        return (_show_model if kind == "model" else _show_calibration)(registry, number)
+        field(
+            "A run's id or its beginning, `latest`, `model-3`, `calibration-2`.",
+            title="Record",
+            argument=True,
+            min_length=1,
+            max_length=100,
+            examples=("calibration-2",),
+        ),
+    ]
 
 
-def _run(run: RunLine | RunSummary) -> ListedRun:
+def run_show(place: Place, request: ShowRequest, _progress: Progress) -> ShownRecord:
+    """Show a run, a model or a calibration."""
+    kind, _, number = request.name.rpartition("-")
+    if kind not in ("model", "calibration") or not number.isdecimal():
+        return _show_run(find_run(place.registry, request.name))
+    try:
+        return (_show_model if kind == "model" else _show_calibration)(place.registry, int(number))
+    except RecordError as error:
+        raise InputError(
+            Message("no record {name!r}", request.name), "a name from `torquebench records list`"
+        ) from error
+
+
+def _run(run: RunSummary) -> ListedRun:
     return ListedRun(run.run_id, run.started, run.status, run.bench, run.simulated)
 
 
@@ -347,15 +316,12 @@ def _list_equipment(registry: Registry, _limit: int, _problems: list[str]) -> li
     ]
 
 
-_LISTS = {
-    Kind.runs: _list_runs,
-    Kind.calibrations: _list_calibrations,
-    Kind.models: _list_models,
-    Kind.equipment: _list_equipment,
+_LISTS: Mapping[str, Callable[[Registry, int, list[str]], Sequence[Any]]] = {
+    "runs": _list_runs,
+    "calibrations": _list_calibrations,
+    "models": _list_models,
+    "equipment": _list_equipment,
 }
-
-
-MOST_LISTED = 10**9
 
 
 def _show_run(run: RunSummary) -> ShownRecord:
@@ -398,13 +364,7 @@ def _state_of(folder: Any) -> str:
 
 
 def _show_model(registry: Registry, model_id: int) -> ShownRecord:
-    try:
-        entry = registry.model(model_id)
-    except RecordError as error:
-        raise InputError(
-            Message("no record 'model-{model_id}'", model_id),
-            "a name from `torquebench records list`",
-        ) from error
+    entry = registry.model(model_id)
     try:
         state = f"intact, {entry.check_file()}"
     except RecordError as error:
@@ -551,3 +511,103 @@ def _short(value: Any) -> str:
 
 def _moment(moment: datetime | None) -> str:
     return "" if moment is None else f"{moment:%Y-%m-%d %H:%M:%S}"
+
+
+# -- audit log ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class AuditLines(Result):
+    """Lines of the audit log as they are written in its files; `earlier` ones aren't in `lines`."""
+
+    lines: Sequence[Mapping[str, Any]]
+    earlier: int
+
+    def page(self) -> Page:
+        """Return its description."""
+        table = Table(
+            ("time (UTC)", "bench s", "by", "what"), [_cells(each) for each in self.lines]
+        )
+        return Page("Audit log", "", [Section("", "", [table] * bool(self.lines))])
+
+
+class AuditRequest(Request):
+    """Show the audit log: every command to drives, modes and clamp, alarms, runs.
+
+    Each line is bound to bench, run and operator. The files are JSON lines: audit/audit.jsonl in
+    the data directory, and audit.jsonl in each run's folder.
+    """
+
+    run: Annotated[
+        str | None,
+        field(
+            "A run's id or its beginning, or `latest`; without it the whole log.",
+            argument=True,
+            max_length=100,
+        ),
+    ] = None
+    limit: Annotated[
+        int, field("Largest number of lines, the newest ones.", ge=1, le=10**6), WHOLE
+    ] = 40
+    alarms: Annotated[Flag, field("Only alarms and acknowledgements.")] = False
+
+
+def run_audit(place: Place, request: AuditRequest, _progress: Progress) -> AuditLines:
+    """Return the newest lines of the log."""
+    from torquebench.bench.audit.chain import AUDIT_FILE
+    from torquebench.bench.audit.entries import AUDIT_FOLDER, read_audit
+
+    path = place.registry.root / AUDIT_FOLDER
+    if request.run is not None:
+        path = find_run(place.registry, request.run).folder / AUDIT_FILE
+    lines = [
+        line for line in read_audit(path) if not request.alarms or "alarm" in str(line.get("event"))
+    ]
+    earlier = max(len(lines) - request.limit, 0)
+    headline = Message("{count} lines.", len(lines))
+    if not lines:
+        headline = Message("no {what} in the audit log", "alarm" if request.alarms else "line")
+    elif earlier:
+        headline = Message(
+            "{count} lines before these; see --limit, or read {path}.", earlier, path
+        )
+    return AuditLines(headline=headline, lines=lines[-request.limit :], earlier=earlier)
+
+
+def _cells(line: Mapping[str, Any]) -> tuple[str, str, str, str]:
+    what = str(line.get("command") or line.get("event"))
+    side = f"{line['side']} " if line.get("side") else ""
+    values = ", ".join(
+        f"{key}={_short(value)}"
+        for key, value in line.items()
+        if key not in SHOWN_ELSEWHERE and value not in ("", None, [])
+    )
+    if line.get("event") not in ("command", what):
+        what = f"{line['event']}: {what}"
+    return (
+        str(line.get("time", ""))[11:23],
+        f"{float(line.get('bench_time_s', 0.0)):.2f}",
+        str(line.get("by", "")),
+        f"{side}{what}{f' ({values})' if values else ''}",
+    )
+
+
+# -- operations -----------------------------------------------------------------------------
+
+LIST = Operation(
+    "records list",
+    ListRequest,
+    run_list,
+    lambda request: Message("List {kind}", request.kind),
+    quick=True,
+)
+SHOW = Operation(
+    "records show",
+    ShowRequest,
+    run_show,
+    lambda request: Message("Show {name}", request.name),
+    quick=True,
+)
+AUDIT = Operation(
+    "records audit", AuditRequest, run_audit, lambda _request: "Audit log", quick=True
+)

@@ -1,4 +1,4 @@
-"""Checks of `torquebench doctor` on a configured bench, instrument by instrument."""
+"""Checks of `doctor` on a configured bench, instrument by instrument."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from torquebench.errors import ModelMismatchError, TorquebenchError
+from torquebench.message import Message
+from torquebench.operations.place import has_registry
 from torquebench.units import DEG_PER_RAD, MS_PER_S, RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -21,7 +23,6 @@ if TYPE_CHECKING:
     from torquebench.bench.roles import Side
     from torquebench.station import Station
 
-__all__ = ["Finding", "clock", "drives", "instruments", "signals"]
 
 SETTLING_S = 0.3
 STANDARD_S = 1.0
@@ -54,8 +55,9 @@ class Finding:
     remedy: str = ""
 
 
-def _problem(what: str, error: TorquebenchError) -> Finding:
-    remedy = "; ".join(part for part in (error.allowed, error.remedy) if part)
+def problem(what: str, error: TorquebenchError) -> Finding:
+    """Convert an error of a check to a finding."""
+    remedy = Message.joined(filter(None, (error.allowed, error.remedy)), "; ")
     return Finding(what, "problem", error.found, remedy)
 
 
@@ -94,10 +96,16 @@ def _losses(description: BenchDescription) -> Iterator[Finding]:
         rate = module.drive.torque_rate_nm_per_s
         ahead_s = slice_s(module, "torque", rate)
         yield Finding(
-            f"{side} loss",
+            Message("{side} loss", side),
             "ok",
-            f"without computer or cable a ramp adds at most {rate * ahead_s:.3g} N·m, "
-            f"{ahead_s:g} s at {rate:g} N·m/s; after {module.drive.watchdog_s:g} s the drive stops",
+            Message(
+                "without computer or cable a ramp adds at most {torque:.3g} N·m, {ahead_s:g} s at "
+                "{rate:g} N·m/s; after {watchdog_s:g} s the drive stops",
+                rate * ahead_s,
+                ahead_s,
+                rate,
+                module.drive.watchdog_s,
+            ),
         )
 
 
@@ -144,7 +152,7 @@ def _instrument(description: BenchDescription, role: str) -> Finding:
     try:
         instrument = open_role(description, role)
     except TorquebenchError as error:
-        return _problem(name, error)
+        return problem(name, error)
     try:
         if isinstance(instrument, Identified):
             found = _identified(description, name, instrument.identity())
@@ -154,7 +162,7 @@ def _instrument(description: BenchDescription, role: str) -> Finding:
         counts = instrument.counts()
         return Finding(name, "ok", ", ".join(f"{side} {count}" for side, count in counts.items()))
     except TorquebenchError as error:
-        return _problem(name, error)
+        return problem(name, error)
     finally:
         instrument.close()
 
@@ -167,44 +175,62 @@ def _with_status(found: Finding, drive: Drive, module: ModuleDescription) -> Fin
     """Add a drive's status and its own limits to a finding; a failure to read them is a problem."""
     state, own = drive.state(), drive.limits()
     details = drive.identity().details
-    text = "; ".join([found.found] + [f"{k} {v}" for k, v in details.items() if "reaction" in k])
+    reactions = (f"{name} {value}" for name, value in details.items() if "reaction" in name)
+    text = Message.joined([found.found, *reactions], "; ")
     if state.enabled:
         remedy = "find out who switched it on"
-        return Finding(found.what, "problem", f"{text}; it has power", remedy)
+        return Finding(found.what, "problem", Message("{text}; it has power", text), remedy)
     if not state.remote:
         remedy = "set it to remote control: it ignores commands of the bus"
-        return Finding(found.what, "problem", f"{text}; local control (remote bit 0)", remedy)
+        return Finding(
+            found.what, "problem", Message("{text}; local control (remote bit 0)", text), remedy
+        )
     limit_rpm = own.speed_rad_s * RPM_PER_RAD_S
     if own.torque_nm < module.range_nm:
         return Finding(
             found.what,
             "problem",
-            f"{text}; its own limit is {own.torque_nm:g} N·m, the range {module.range_nm:g} N·m",
+            Message(
+                "{text}; its own limit is {torque_nm:g} N·m, the range {range_nm:g} N·m",
+                text,
+                own.torque_nm,
+                module.range_nm,
+            ),
             "raise the limit in the drive's settings, or load with smaller profiles only",
         )
     if limit_rpm < module.limits.speed_rpm * (1.0 - 1e-6):
-        text += f"; its own limit is {limit_rpm:g} of {module.limits.speed_rpm:g} rpm"
+        text = Message(
+            "{text}; its own limit is {limit_rpm:g} of {speed_rpm:g} rpm",
+            text,
+            limit_rpm,
+            module.limits.speed_rpm,
+        )
     if state.limited:
-        text += "; an internal limit of the drive is active"
-    text += f"; off{f', {state.fault}' * bool(state.fault)}"
+        text = Message("{text}; an internal limit of the drive is active", text)
+    text = Message("{text}; off{fault}", text, f", {state.fault}" * bool(state.fault))
     return Finding(found.what, found.state, text, found.remedy)
 
 
 def _identified(description: BenchDescription, name: str, identity: Any) -> Finding:
-    found = f"{identity.manufacturer} {identity.model}, serial {identity.serial}"
+    found = Message(
+        "{manufacturer} {model}, serial {serial}",
+        identity.manufacturer,
+        identity.model,
+        identity.serial,
+    )
     described = description.serials.get(identity.role)
     if not identity.serial and described:
         return Finding(
             name,
             "note",
-            f"{found}none",
+            Message("{found} none", found),
             "it doesn't report a serial number: compare its name plate",
         )
     if described not in (None, identity.serial):
         return Finding(
             name,
             "problem",
-            f"{found}; described is {described}",
+            Message("{found}; described is {described}", found, described),
             "connect the described instrument or correct the bench description",
         )
     return Finding(name, "ok", found)
@@ -221,34 +247,43 @@ def clock(description: BenchDescription, data: Path) -> Iterator[Finding]:
     described = description.counter.identity
     if present != described:
         yield Finding(
-            "clock", "problem", f"{present}; described is {described}", "correct counter.serial"
+            "clock",
+            "problem",
+            Message("{present}; described is {described}", present, described),
+            "correct counter.serial",
         )
     else:
-        yield Finding("clock", "ok", f"{present}, {timebase_hz / 1e6:g} MHz")
+        yield Finding(
+            "clock", "ok", Message("{present}, {frequency:g} MHz", present, timebase_hz / 1e6)
+        )
 
 
 def signals(description: BenchDescription, data: Path) -> Iterator[Finding]:
     """Open the bench without moving it and check whether its signals are plausible."""
-    from torquebench.cli.options import has_registry
     from torquebench.station import Station
 
     with tempfile.TemporaryDirectory() as scratch:
         known = has_registry(data)
         with Station.open(description, data if known else Path(scratch)) as station:
             station.clock.wait(SETTLING_S)
-            yield from _signals_at_rest(station)
-            yield from _encoders(station)
-            yield from _temperatures(station)
-            yield from _standard(station)
-            yield from _fixture(station)
-            yield from _compensations(station)
+            yield from signals_of(station)
+
+
+def signals_of(station: Station) -> Iterator[Finding]:
+    """Check whether the signals of an open bench at rest are plausible."""
+    yield from _signals_at_rest(station)
+    yield from _encoders(station)
+    yield from _temperatures(station)
+    yield from _standard(station)
+    yield from _fixture(station)
+    yield from _compensations(station)
 
 
 def _signals_at_rest(station: Station) -> Iterator[Finding]:
     from torquebench.bench.roles import SIDES, torque_channel
 
     for side in SIDES:
-        what = f"{side} signal"
+        what = Message("{side} signal", side)
         try:
             latest = station.acquisition.channel(torque_channel(side)).latest()
         except TorquebenchError as error:
@@ -256,13 +291,18 @@ def _signals_at_rest(station: Station) -> Iterator[Finding]:
             continue
         scale = station.description.module(side).transducer.scale()
         signal = float(latest[scale.column][0])
-        found = f"{signal:.7g} {scale.unit}"
+        found = Message("{signal:.7g} {unit}", signal, scale.unit)
         full = scale.sensitivity_cw * scale.nominal_torque_nm
         if abs(signal - scale.nominal_zero) > ZERO_TOLERANCE * full:
             yield Finding(
                 what,
                 "problem",
-                f"{found}, far from {scale.nominal_zero:g} {scale.unit} unloaded",
+                Message(
+                    "{found}, far from {nominal_zero:g} {unit} unloaded",
+                    found,
+                    scale.nominal_zero,
+                    scale.unit,
+                ),
                 "unload the side, or check the described signal and whether the cables are swapped",
             )
         else:
@@ -273,17 +313,17 @@ def _encoders(station: Station) -> Iterator[Finding]:
     from torquebench.bench.roles import SIDES
 
     for side in SIDES:
-        what = f"{side} encoder"
+        what = Message("{side} encoder", side)
         try:
             speed_rad_s = station.acquisition.speed_rad_s(side)
             degrees = station.acquisition.angle_rad(side) * DEG_PER_RAD
         except TorquebenchError as error:
-            yield _problem(what, error)
+            yield problem(what, error)
             continue
         if station.description.safety.at_standstill(speed_rad_s):
-            yield Finding(what, "ok", f"{degrees:.3f}°, at rest")
+            yield Finding(what, "ok", Message("{degrees:.3f}°, at rest", degrees))
         else:
-            turns = f"turns with {speed_rad_s * RPM_PER_RAD_S:.2f} rpm"
+            turns = Message("turns with {speed:.2f} rpm", speed_rad_s * RPM_PER_RAD_S)
             yield Finding(what, "problem", turns, "bring the side to rest")
 
 
@@ -300,7 +340,12 @@ def _temperatures(station: Station) -> Iterator[Finding]:
     }
     if missing:
         text = ", ".join(missing)
-        yield Finding("probes", "problem", f"no value of {text}", "check the probes' connections")
+        yield Finding(
+            "probes",
+            "problem",
+            Message("no value of {text}", text),
+            "check the probes' connections",
+        )
     elif strange:
         probe, value = next(iter(strange.items()))
         yield Finding(
@@ -320,14 +365,14 @@ def _standard(station: Station) -> Iterator[Finding]:
         yield from _readout(station)
     mounting = station.drivers.operator.mounted()
     for side in SIDES:
-        what = f"{side} standard"
+        what = Message("{side} standard", side)
         try:
             zero_nm = standard_at_rest(station, side, mounting)
         except TorquebenchError as error:
-            yield _problem(what, error)
+            yield problem(what, error)
             continue
         if zero_nm is not None:
-            yield Finding(what, "ok", f"{zero_nm:+.3f} N·m without load")
+            yield Finding(what, "ok", Message("{zero_nm:+.3f} N·m without load", zero_nm))
 
 
 def _readout(station: Station) -> Iterator[Finding]:
@@ -340,7 +385,7 @@ def _readout(station: Station) -> Iterator[Finding]:
     assert reference is not None
     block_s = station.description.counter.block_s
     for side in SIDES:
-        what = f"{side} standard"
+        what = Message("{side} standard", side)
         try:
             read = []
             # the estimate of its clock improves with repeated answers
@@ -350,18 +395,22 @@ def _readout(station: Station) -> Iterator[Finding]:
                 read.append(reference.read(side, now_s, now_s)["signal"])
             torque = np.concatenate(read)
         except TorquebenchError as error:
-            yield _problem(what, error)
+            yield problem(what, error)
             continue
         if torque.size == 0:
             remedy = "let its amplifier measure continuously, and check the channel's number"
-            yield Finding(what, "problem", f"no sample in {STANDARD_S:g} s", remedy)
+            yield Finding(what, "problem", Message("no sample in {time_s:g} s", STANDARD_S), remedy)
         elif np.isnan(torque).all():
             yield Finding(what, "note", "states no torque", "mount it to see its signal")
         elif torque.size > 1 and np.ptp(torque[np.isfinite(torque)]) == 0.0:
-            found = f"repeats {torque[0]:g} N·m"
+            found = Message("repeats {torque:g} N·m", torque[0])
             yield Finding(what, "problem", found, "restart its amplifier")
         else:
-            yield Finding(what, "ok", f"{torque.size} samples, {np.nanmean(torque):.3f} N·m")
+            yield Finding(
+                what,
+                "ok",
+                Message("{count} samples, {torque:.3f} N·m", torque.size, np.nanmean(torque)),
+            )
 
 
 def _fixture(station: Station) -> Iterator[Finding]:
@@ -371,11 +420,11 @@ def _fixture(station: Station) -> Iterator[Finding]:
     drivers = station.drivers
     try:
         modes = ", ".join(f"{side} {drivers.modes.mode(side)}" for side in SIDES)
-        yield Finding("modes", "ok", f"{modes}: compare this with the bench")
+        yield Finding("modes", "ok", Message("{modes}: compare this with the bench", modes))
         clamped = "closed" if drivers.clamp.clamped() else "open"
-        yield Finding("clamp", "ok", f"{clamped}: compare this with the bench")
+        yield Finding("clamp", "ok", Message("{clamped}: compare this with the bench", clamped))
     except TorquebenchError as error:
-        yield _problem("contacts", error)
+        yield problem("contacts", error)
 
 
 def _compensations(station: Station) -> Iterator[Finding]:
@@ -387,10 +436,16 @@ def _compensations(station: Station) -> Iterator[Finding]:
         except TorquebenchError as error:
             remedy = error.remedy or f"torquebench calibrate {side}"
             if isinstance(error, ModelMismatchError) and "counter" in error.allowed:
-                remedy = f"made with {error.allowed}; {remedy}, or `measure --accept-counter`"
-            yield Finding(f"{side} model", "note", error.found, remedy)
+                remedy = Message(
+                    "made with {allowed}; {remedy}, or `measure --accept-counter`",
+                    error.allowed,
+                    remedy,
+                )
+            yield Finding(Message("{side} model", side), "note", error.found, remedy)
             continue
-        yield Finding(f"{side} model", "ok", f"model-{active.model_id} ({active.kind})")
+        yield Finding(
+            Message("{side} model", side), "ok", f"model-{active.model_id} ({active.kind})"
+        )
 
 
 # -- drives -----------------------------------------------------------------------------------
@@ -423,7 +478,7 @@ def _drive_tested(
         yield _stop(drivers, description, side)
         yield _watchdog(drivers, description, side)
     except TorquebenchError as error:
-        yield _problem(f"{side} drive", error)
+        yield problem(Message("{side} drive", side), error)
     finally:
         _off(drivers.drives[side])
 
@@ -436,7 +491,7 @@ def _off(drive: Drive) -> None:
 
 
 def _stop(drivers: DriverSet, description: BenchDescription, side: Side) -> Finding:
-    what, drive = f"{side} stop", drivers.drives[side]
+    what, drive = Message("{side} stop", side), drivers.drives[side]
     drive.enable()
     drive.feed_watchdog()
     if not drive.state().enabled:
@@ -449,11 +504,11 @@ def _stop(drivers: DriverSet, description: BenchDescription, side: Side) -> Find
         return Finding(
             what, "problem", "it stays on when disabled", "don't use the bench: repair the drive"
         )
-    return Finding(what, "ok", f"disabled, answered in {took_ms:.1f} ms")
+    return Finding(what, "ok", Message("disabled, answered in {took_ms:.1f} ms", took_ms))
 
 
 def _watchdog(drivers: DriverSet, description: BenchDescription, side: Side) -> Finding:
-    what, drive = f"{side} watchdog", drivers.drives[side]
+    what, drive = Message("{side} watchdog", side), drivers.drives[side]
     limit_s = description.module(side).drive.watchdog_s
     block_s, allowed_s = description.counter.block_s, limit_s + WATCHDOG_MARGIN_S
     simulated = drivers.simulated_time or "simulation" in description.driver
@@ -472,11 +527,15 @@ def _watchdog(drivers: DriverSet, description: BenchDescription, side: Side) -> 
             return Finding(
                 what,
                 "problem",
-                f"still on {unfed_s:.2f} s after it was last fed",
+                Message("still on {unfed_s:.2f} s after it was last fed", unfed_s),
                 "don't use the bench: set up the drive's own watchdog, it is the last line of "
                 "defence",
             )
-    found = f"it stopped by itself after {unfed_s:.2f} s: {state.fault or 'disabled'}"
+    found = Message(
+        "it stopped by itself after {unfed_s:.2f} s: {fault}", unfed_s, state.fault or "disabled"
+    )
     if unfed_s > allowed_s:
-        return Finding(what, "problem", found, f"set its watchdog to {limit_s:g} s")
+        return Finding(
+            what, "problem", found, Message("set its watchdog to {limit_s:g} s", limit_s)
+        )
     return Finding(what, "ok", found)

@@ -1,1 +1,0 @@
-"""`torquebench doctor`: the installation and, with a description, the bench."""

@@ -1,1 +1,0 @@
-"""`torquebench records`: list, show, check, back up and restore."""
