@@ -108,8 +108,10 @@ def _operations() -> str:
     ]
     for operation in OPERATIONS.values():
         lines += [f"## `{operation.name}`", "", operation.description, ""]
-        needs = {"bench": "an open bench", "records": "records", "files": "files"}
-        lines += [f"Needs {needs[operation.where]} and the role {operation.role}.", ""]
+        needs = {"bench": "an open bench", "folder": "records"}.get(
+            operation.where, operation.where
+        )
+        lines += [f"Needs {needs} and the role {operation.role}.", ""]
         lines += [f"Result: {_shape(operation.result)}.", ""]
         if fields_of_request := parameters(operation.request):
             lines += ["| field | default | unit, limits | description |"]
