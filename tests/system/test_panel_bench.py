@@ -143,14 +143,14 @@ def test_limits_are_changed_as_a_difference_and_undone(person: Visitor) -> None:
     entry.send_keys(Keys.CONTROL, "a")
     entry.send_keys("2100")
     person.sees("What would change")
-    person.sees("Output module: Limits: Torque at most")
+    person.sees("Output module: Limits: Maximum torque")
     person.wait(lambda: person.driver.execute_script(IN_SIGHT), "the button to apply, in sight")
     change = person.driver.find_element(By.CSS_SELECTOR, "ul.change li")
     assert change.text.split()[-3:] == ["2400", "2100", "N·m"]
     person.press("Apply these changes")
     person.sees("Changed and logged.")
     person.press("Changes")
-    person.sees("Output module: Limits: Torque at most")
+    person.sees("Output module: Limits: Maximum torque")
     person.press("Undo")
     person.sees("undoes change")
     assert person.problems() == []

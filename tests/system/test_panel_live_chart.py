@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
+from selenium.webdriver.support.select import Select
 from tests.system.panel_browser import SLOW, Visitor, browser, running_panel
 
 pytestmark = SLOW
@@ -245,10 +246,7 @@ def test_signals_are_recorded_on_demand(person: Visitor) -> None:
     person.sees("Direction")
     assert person.axe() == []
     person.choose("When it starts", "now")
-    record = "//div[contains(@class, 'sheet')]//button[contains(., 'Record signals')]"
-    person.wait(
-        lambda: person.driver.find_element(By.XPATH, record).click() is None, "the second press"
-    )
+    confirm_recording(person)
     person.wait(lambda: "s recorded" in person.text, "a recording under way")
     choose_tool(person, "Marker")
     person.fill("Note", "brake released")
@@ -264,4 +262,50 @@ def test_signals_are_recorded_on_demand(person: Visitor) -> None:
     person.sees("brake released")
     person.choose("Samples as a file", "parquet")
     assert saved(person, person.panel.folder, "parquet", "*-samples").stat().st_size > 1000
+    assert person.problems() == []
+
+
+def confirm_recording(person: Visitor) -> None:
+    record = "//div[contains(@class, 'sheet')]//button[contains(., 'Record signals')]"
+    person.wait(
+        lambda: person.driver.find_element(By.XPATH, record).click() is None, "the second press"
+    )
+
+
+def drawn(person: Visitor) -> list[str]:
+    """Return the names of the lines in the page's chart."""
+    script = """
+        const figure = document.querySelector(".chart");
+        const chart = figure && getElement(Number(figure.id.slice(1)))?.chart;
+        return chart ? chart.getOption().series.map((line) => line.name) : [];
+    """
+    return list(person.driver.execute_script(script))
+
+
+def test_runs_are_laid_over_each_other_at_an_address(person: Visitor) -> None:
+    person.open("/")
+    for name in ("first", "second"):
+        person.press("Record signals")
+        person.fill("Name", name)
+        person.fill("Length", "0.5")
+        confirm_recording(person)
+        person.sees(f"Recording {name}: done")
+    person.open("/records")
+    person.press("Open")
+    person.sees("second")
+    other = Select(person.field("Overlay another run")).options[1].get_attribute("value")
+    person.choose("Overlay another run", str(other))
+    person.sees("Remove the other runs")
+    person.wait(lambda: other in drawn(person), "both runs in the chart")
+    assert len(drawn(person)) == 2
+    person.choose("Raw samples of", "input_speed_rad_s")
+    person.wait(lambda: "column=input_speed_rad_s" in person.driver.current_url, "the address")
+    address = person.driver.current_url.removeprefix(person.panel.url)
+    person.open("/records")
+    person.open(address)
+    person.wait(lambda: len(drawn(person)) == 2, "both runs at their address")
+    assert person.field("Raw samples of").get_attribute("value") == "input_speed_rad_s"
+    assert person.axe() == []
+    person.press("Remove the other runs")
+    person.wait(lambda: len(drawn(person)) == 1, "one run")
     assert person.problems() == []

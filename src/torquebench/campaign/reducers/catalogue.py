@@ -86,7 +86,7 @@ PARTS = (
     ),
     ReducerTest(
         "hysteresis",
-        "Torque-angle loop",
+        "Hysteresis loop",
         "Input locked, output loaded: stiffness, backlash, lost motion, loop energy.",
         ("output_angle_deg", "output_torque_nm"),
         "hysteresis.WORK",

@@ -28,7 +28,8 @@ from torquebench.panel.pages.calibrate.start import calibration_address
 from torquebench.panel.pages.downloads import certificate_buttons
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.page import page
-from torquebench.panel.pages.records.run import doubt_notes, run_address, run_title
+from torquebench.panel.pages.records.run import doubt_notes, run_title
+from torquebench.panel.pages.records.samples import run_address
 from torquebench.panel.pages.view import View, part, tabs
 from torquebench.panel.pages.visitor import Visitor, profile_titles
 from torquebench.panel.text import Text

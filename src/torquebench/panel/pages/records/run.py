@@ -7,8 +7,7 @@ from datetime import datetime
 from functools import partial
 from typing import Any
 
-import numpy as np
-from nicegui import background_tasks, ui
+from nicegui import ui
 
 from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.errors import TorquebenchError
@@ -17,7 +16,6 @@ from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.elements import (
     box,
-    in_thread,
     note,
     pairs,
     panel,
@@ -37,16 +35,16 @@ from torquebench.panel.pages.records.column_titles import (
     column_with_unit,
     stream_title,
 )
+from torquebench.panel.pages.records.samples import RunSamples
 from torquebench.panel.pages.visitor import Visitor, profile_titles
 from torquebench.panel.service import InterruptedView, Marker, RunDetail, RunTable
 from torquebench.panel.text import Text
 from torquebench.records.export.streams import STREAM_FORMATS, stream_ending
 from torquebench.units import minus_signs
 
-__all__ = ["doubt_notes", "run_address", "run_title"]
+__all__ = ["doubt_notes", "run_title"]
 
 SHOWN_ROWS = 12
-POINTS = 1000
 MOST_DOUBTS = 5
 Y_FIRST = ("error_nm", "reading_nm", "torque_nm")
 
@@ -58,11 +56,6 @@ def run_title(text: Text, kind: str) -> str:
         return text.maybe(f"run_kind.{kind}", kind)
     title = TESTS[name].title
     return text.core(Message("{title}, short test", title) if kind.endswith("-short") else title)
-
-
-def run_address(run_id: str) -> str:
-    """Return the address of a run's page."""
-    return f"/runs/{run_id}"
 
 
 def doubt_notes(text: Text, doubts: Iterable[str]) -> None:
@@ -86,7 +79,6 @@ class _RunPanel:
     def __init__(self, visitor: Visitor, run_id: str) -> None:
         self._visitor, self._text = visitor, visitor.text
         self._run_id = run_id
-        self._column = ""
 
     async def build(self, place: Any) -> None:
         """Read the run on another thread, and build the panel in an element."""
@@ -133,7 +125,8 @@ class _RunPanel:
             doubt_notes(text, detail.run.doubts)
             pairs(self._facts(detail))
             self._annotations(detail.annotations)
-            self._samples(detail.run.kind, columns, detail.annotations)
+            if columns:
+                RunSamples(self._visitor, detail.run, columns, detail.annotations).build()
             for part in detail.tables:
                 self._points(part)
 
@@ -173,44 +166,6 @@ class _RunPanel:
                  (text("records.operator"), False)]  # fmt: skip
         rows = [(f"{each.bench_time_s:.2f} s", each.note, each.who) for each in annotations]
         table(text("run.annotations"), heads, rows)
-
-    def _samples(self, kind: str, columns: Sequence[str], annotations: Sequence[Marker]) -> None:
-        chosen = [name for name in columns if "torque" in name] or list(columns)
-        chosen.sort(key=lambda name: name.partition("_")[0] not in kind)  # the run's side first
-        if not chosen:
-            return
-        options = {name: column_with_unit(self._text, name, samples=True) for name in columns}
-        Field(
-            self._text("run.column"), chosen[0], options=options, on_change=lambda name: draw(name)
-        )
-        place = box("div")
-        trend = self._visitor.service.records.run_trend
-
-        async def draw(name: str) -> None:
-            self._column = name
-            rows = await in_thread(trend, self._run_id, [name], POINTS)
-            if place.is_deleted or self._column != name:
-                return  # the panel was closed, or another column was chosen
-            top = float(np.nanmax(rows.high)) if np.isfinite(rows.high).any() else 0.0
-            noted = Line(
-                self._text("run.annotations"),
-                [each.bench_time_s for each in annotations],
-                [top] * len(annotations),
-                "--warn",
-                points=True,
-                symbol="pin",
-                labels=[each.note for each in annotations],
-            )
-            with refilled(place):
-                Chart(
-                    self._text("run.samples_label", name=options[name]),
-                    self._text("preview.time"),
-                    options[name],
-                    [*_extremes(options[name], rows.time_s.tolist(), rows.low[0].tolist(),
-                                rows.high[0].tolist()), *([noted] if annotations else [])],
-                )  # fmt: skip
-
-        background_tasks.create(draw(chosen[0]), name="samples")
 
     def _points(self, part: RunTable) -> None:
         text = self._text
@@ -301,13 +256,6 @@ def _worth_seeing(numbers: Mapping[str, Sequence[Any]]) -> str:
         if len(set(values)) > 1 and column_unit_shown(name) not in ("", "s")
     ]
     return next((name for name in (*Y_FIRST, *varying) if name in varying), "")
-
-
-def _extremes(name: str, time: list[float], low: list[float], high: list[float]) -> list[Line]:
-    """Draw the minimum and maximum of each span, so that no spike is lost."""
-    x = [moment for moment in time for _ in range(2)]
-    y = [value for pair in zip(low, high, strict=True) for value in pair]
-    return [Line(name, x, y, "--series-1")]
 
 
 @page("run", "/runs/{run_id}")

@@ -13,7 +13,7 @@ def setting_title(text: Text, key: str) -> str:
     Examples
     --------
     >>> setting_title(Text("en"), "output.limits.torque_nm")
-    'Torque at most'
+    'Maximum torque'
     >>> setting_title(Text("en"), "input.drive.torque_rate_nm_per_s")
     'Torque ramp'
     """
