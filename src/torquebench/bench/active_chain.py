@@ -299,7 +299,7 @@ def _record(time_s: FloatArray, torque: Torque) -> Record:
 
 
 def _torque(record: Record, components: tuple[Component, ...]) -> Torque:
-    """Rebuild torques from such a record; `components` are a template for their names."""
+    """Return the torques of a record by `_record`; `components` are a template for their parts."""
     split: list[Component] = []
     next_place = 0
     for number, component in enumerate(components):

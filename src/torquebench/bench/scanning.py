@@ -209,6 +209,7 @@ def _can_nodes(buses: Sequence[str]) -> Iterator[FoundInstrument]:
 
 
 def _at_port(host: str, port: int) -> FoundInstrument | None:
+    """Return the instrument that listens at a known port; None if none does."""
     try:
         socket.create_connection((host, port), CONNECT_S).close()
     except OSError:

@@ -119,7 +119,7 @@ class Placement:
     def of(
         cls, rounds: Sequence[AdaptiveRound], settings: Adaptive, even: int | None = None
     ) -> Self:
-        """Return the result of an adaptive calibration from its decisions."""
+        """Return the result by the decisions; `even` counts the points of the coarse series."""
         target = settings.target_percent
         reached = target is not None and rounds[-1].expanded_percent <= target
         reason: StopReason = "target" if reached else "budget"

@@ -527,6 +527,7 @@ class _Staircase:
     def _ladder_path(
         self, shape: Series, signs: Sequence[int]
     ) -> Iterator[tuple[Literal["point", "turn"], float, int]]:
+        """Yield kind, signed torque in percent, and branch (+1 loading, -1 unloading) in order."""
         rising = self.profile.loading.percents()
         for sign in signs:
             for percent in rising:

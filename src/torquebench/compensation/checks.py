@@ -345,10 +345,9 @@ def _strata(X: FloatArray, used_features: tuple[str, ...]) -> NDArray[np.intp]:
             continue
         column = X[:, index]
         if name in ("branch", "series"):
-            level = np.unique(np.sign(column) if name == "branch" else column, return_inverse=True)[
-                1
-            ]
-        else:
+            values = np.sign(column) if name == "branch" else column
+            _, level = np.unique(values, return_inverse=True)
+        else:  # eight equal parts of the span
             span = float(np.ptp(column)) or 1.0
             level = np.minimum(8 * (column - column.min()) / span, 7).astype(np.intp)
         _, stratum = np.unique(stratum * (int(level.max()) + 1) + level, return_inverse=True)

@@ -151,6 +151,7 @@ def propose_points(
 def _model_deviation(
     model: CompensationModel, columns: int, places: FloatArray, branch: FloatArray
 ) -> FloatArray:
+    """Return the model's standard uncertainty at readings and branches, N·m; above 0."""
     X = np.zeros((places.size, columns))
     X[:, : min(columns, 2)] = features(places, branch)[:, : min(columns, 2)]
     _, deviation = model.predict(X, return_std=True)

@@ -87,6 +87,7 @@ def discrepancy_of(
         return model.predict(rows(u, branch)[:, :width]) / scale - u
 
     def truth(u: FloatArray, branch: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the posterior's mean error and its standard deviation, in units of u."""
         torque, std = posterior.predict(rows(u, branch), return_std=True)
         return torque / scale - u, std / scale
 
@@ -138,7 +139,7 @@ def discrepancy(
         return bias[beside], spread[beside]
 
     def std(*cases: tuple[FloatArray, FloatArray]) -> FloatArray:
-        """Return the standard uncertainty at each node over equally probable cases."""
+        """Return the u at each node over equally probable cases of (bias, spread)."""
         bias, spread = (np.concatenate(parts, axis=1) for parts in zip(*cases, strict=True))
         return half_widths(bias, spread) / COVERAGE_95
 

@@ -354,12 +354,12 @@ class BranchTracker:
         return states
 
     def follow_one(self, reading_nm: float) -> FloatArray:
-        """Update the state by one reading like `follow`; the shape is (operators, 2)."""
+        """Update the state by one reading; return what `follow` does, as (operators, 2)."""
         if not isfinite(reading_nm):
             raise _gap()
         low, high = reading_nm - self._widths, reading_nm + self._widths
         self._bounds = np.maximum(low, np.minimum(high, self._bounds))
-        weights = self._weights[:, 0, :, :, 0]
+        weights = self._weights[:, 0, :, :, 0]  # (operators, widths, 1): one chunk, one reading
         terms = weights * (reading_nm - self._bounds) / self._widths
         return np.asarray(np.add.reduce(terms, axis=1))
 

@@ -203,7 +203,7 @@ class NetworkModel(FormModel):
         weights = weights / mean_weight
         (start,) = self._starts()
         network, done = start, 0
-        descent = {} if self.descent is None else self.descent
+        descent = {} if self.descent is None else self.descent  # networks by epoch, perhaps shared
         curve: list[tuple[float, float]] = []
         while done < self.epochs:
             count = min(_next_noted(done), self.epochs) - done
@@ -236,10 +236,8 @@ class NetworkModel(FormModel):
         self.training_curve_ = np.array(curve)
         residual = target - network_values(network, x)
         determined, noise_variance = determined_parameters(network, start, x, residual, weights)
-        return (
-            determined,
-            mean_weight * noise_variance,
-        )  # of one point; bins hold several
+        # The noise is that of one point; bins hold several.
+        return determined, mean_weight * noise_variance
 
     def _rms_nm(self, residual: FloatArray, weights: FloatArray) -> float:
         mean_square = np.mean(weights * residual**2) / np.mean(weights)

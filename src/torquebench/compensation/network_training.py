@@ -243,7 +243,10 @@ def _descend(
     rate: float,
     epochs: int,
 ) -> None:
-    """Change a network's parameters in place, as `compiled_descent.descend` does."""
+    """Change a network's parameters in place, by gradient descent on the squared errors.
+
+    `first` are the hidden neurons' input weights and biases, `second` the output weights.
+    """
     hidden = (flat.size - 1) // 3
     first, second = flat[: 2 * hidden].reshape(2, hidden), flat[2 * hidden : -1]
     inputs = np.stack((x, np.ones_like(x)), axis=1)
@@ -258,6 +261,7 @@ def _descend(
         error *= weights
         np.multiply(error, x, out=errors[0])
         np.multiply(outputs, outputs, out=squares)
+        # The derivative of tanh is 1 - tanh².
         back = np.add.reduce(errors, axis=1)
         slope = back[:, None] - np.dot(errors, squares)
         flat[-1] -= step * back[1]
@@ -347,7 +351,7 @@ class _Problem:
         self.weight_squares = np.add.reduceat(flat * flat, self.starts)
 
     def linearise(self) -> None:
-        """Evaluate the Jacobian and its products."""
+        """Evaluate the Jacobian and Jᵀe, then the tangent kernels in n dimensions, or JᵀJ in p."""
         self.J = jacobian(self.parameters, self.x, self.hidden_outputs)
         self.J *= self.root_weights[:, None]
         self.pull = self.J.T @ self.errors

@@ -116,8 +116,9 @@ def identify(runs: Sequence[Known], window_s: float = 0.0) -> TransferFunction:
         )
 
     def deviations(free: FloatArray) -> FloatArray:
+        """Return the deviations of all runs; the times in `free` are in sample intervals."""
         transfer = chain(free * scale[: free.size])
-        return np.concatenate([each.deviation(transfer) for each in prepared])
+        return np.concatenate([run.deviation(transfer) for run in prepared])
 
     scale = np.array([1.0, 1.0, runs[0].interval_s, runs[0].interval_s])
     limits = (

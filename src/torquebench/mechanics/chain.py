@@ -234,7 +234,7 @@ def _parts(chain: Chain, torque_nm: ArrayLike, form: Form) -> tuple[NDArray[Any]
 
 
 def _rigidity(chain: Chain) -> NDArray[Any]:
-    """Return G π (D⁴ − d⁴) in N·m²."""
+    """Return 32 times the torsional rigidity of the shaft: G π (D⁴ − d⁴), N·m²."""
     moment = polar_moment(chain.outer_diameter_m, chain.inner_diameter_m)
     return np.asarray(32.0 * moment * chain.shear_modulus_pa)
 

@@ -175,32 +175,34 @@ def _crossing(time: Floats, angle: Floats, threshold: float) -> tuple[int, Float
 def _creeping(
     time: Floats, angle: Floats, threshold: float, *, moves: bool
 ) -> tuple[int, Floats, float] | None:
-    """Return the result of `_crossing` for an angle with creep before motion; else None.
+    """Return first moving sample, parabola and noise of an angle that creeps first; else None.
 
     Under a uniform ramp the creep's speed grows with time, so that its path is a parabola. Creep
-    ends where the angle permanently exceeds the parabola by half of it. The first samples, in which
-    elastic parts wind up, aren't checked. `moves` states that the angle permanently leaves a
-    straight line: an inertia may already be turning then.
+    ends where the angle permanently leaves the parabola by more than the threshold. The first
+    samples, in which elastic parts wind up, aren't checked. `moves` states that the angle
+    permanently leaves a straight line: an inertia may already be turning then.
     """
+    # Mean speeds in windows of equal numbers of samples, and the times of the windows' middles.
     edges = np.linspace(0, angle.size - 1, CREEP_WINDOWS + 1).astype(np.int64)
     speed = np.diff(angle[edges]) / np.maximum(np.diff(time[edges]), 1e-12)
-    since = 0.5 * (time[edges][1:] + time[edges][:-1]) - time[0]
-    first = slice(CREEP_WINDOWS // 10, 3 * CREEP_WINDOWS // 10)
-    second = slice(first.stop, CREEP_WINDOWS // 2)
-    growth = float(np.median((speed / since)[second]))
-    if moves and abs(growth) > 2.0 * abs(float(np.median((speed / since)[first]))):
+    middle_s = 0.5 * (time[edges][1:] + time[edges][:-1]) - time[0]
+    early = slice(CREEP_WINDOWS // 10, 3 * CREEP_WINDOWS // 10)
+    later = slice(early.stop, CREEP_WINDOWS // 2)
+    growth = float(np.median((speed / middle_s)[later]))
+    if moves and abs(growth) > 2.0 * abs(float(np.median((speed / middle_s)[early]))):
         # An inertia that is turning gets faster with the square of time: its acceleration doubles.
         # Creep keeps its acceleration, but may start in the other direction after the brake is
         # released.
-        before, after = (np.polyfit(since[part], speed[part], 1)[0] for part in (first, second))
+        before, after = (np.polyfit(middle_s[part], speed[part], 1)[0] for part in (early, later))
         if after * before <= 0.0 or abs(after) > ACCELERATION_OF_CREEP * abs(before):
             return None
-    fastest = 1.5 * abs(growth) * since + threshold / (time[-1] - time[0])
-    # At its turning point the shaft is slow, too: creep is what precedes the fastest motion.
-    begun = CREEP_WINDOWS // 3
-    peak = begun + int(np.argmax(np.abs(speed[begun:])))
-    slow = np.flatnonzero(np.abs(speed[:peak]) <= fastest[:peak])
-    if not slow.size or slow[-1] < begun or abs(speed[peak]) <= fastest[peak]:
+    # Creep ends with the last window that is slow, before the fastest one: at its turning point
+    # the shaft is slow, too.
+    largest_creep = 1.5 * abs(growth) * middle_s + threshold / (time[-1] - time[0])
+    searched = CREEP_WINDOWS // 3
+    fastest = searched + int(np.argmax(np.abs(speed[searched:])))
+    slow = np.flatnonzero(np.abs(speed[:fastest]) <= largest_creep[:fastest])
+    if not slow.size or slow[-1] < searched or abs(speed[fastest]) <= largest_creep[fastest]:
         return None
     rows = slice(angle.size // 10, int(edges[slow[-1]]))
     creep = np.polynomial.Polynomial.fit(time[rows], angle[rows], 2)

@@ -44,6 +44,7 @@ def _shaft_torque(drive: DriveConstants, row: FloatArray, conversion: int) -> fl
 def _turn_motor(
     drive: DriveConstants, row: FloatArray, conversion: int, net_nm: float, step_s: float
 ) -> None:
+    """Advance a motor's speed and angle in `row` by one step; a locked one stands still."""
     if conversion == CONVERSION_LOCKED:
         row[MOTOR_SPEED] = 0.0
         return
@@ -61,7 +62,7 @@ def _turn_uncoupled_flange(
     held_speed_rad_s: float,
     step_s: float,
 ) -> float:
-    """Return dω/dt of a flange that is fixed, turned by the calibrator, or loose.
+    """Advance a fixed, turned or loose flange by one step in `row`; return its dω/dt.
 
     A loose flange that its motor drives has only bearing drag, as with a mounted part; this drag is
     in `torque_nm`. Without the drive it coasts against the motor's friction.

@@ -10,9 +10,12 @@ from torquebench.units import RAD_S_PER_RPM
 FloatArray = NDArray[np.float64]
 
 
-def _output_drag(reducer: ReducerConstants, output_rad_s: FloatArray, viscous: float) -> FloatArray:
+def _output_drag(
+    reducer: ReducerConstants, output_rad_s: FloatArray, viscosity_factor: float
+) -> FloatArray:
+    """Return the drag of the output's bearing and seal, N·m; it fades below 0.005 rad/s."""
     drag = reducer.output_drag_nm * np.tanh(output_rad_s / 0.005)
-    return np.asarray(drag + reducer.output_viscous_nm_s * viscous * output_rad_s)
+    return np.asarray(drag + reducer.output_viscous_nm_s * viscosity_factor * output_rad_s)
 
 
 def input_torque_nm(

@@ -77,7 +77,7 @@ def warm(
     step_s: float,
     normal: float,
 ) -> None:
-    """Advance all temperatures by one step; ``temperature_c`` (as PLACES) changes in place."""
+    """Advance ``temperature_c`` (as PLACES) in place by one step; ``normal`` draws the hall's."""
     rate = step_s / thermal.ambient_time_s
     spread = thermal.ambient_spread_k * math.sqrt(2.0 * rate) * normal
     temperature_c[AMBIENT] += rate * (ambient_target_c - temperature_c[AMBIENT]) + spread

@@ -173,6 +173,7 @@ def conformance_probability(
         return 1.0 if inside else 0.0
 
     def below(limit: float) -> float:
+        """Return the probability that the true value is below a limit."""
         scaled = (limit - value) / standard_uncertainty
         if isfinite(degrees_of_freedom):
             return float(special.stdtr(degrees_of_freedom, scaled))

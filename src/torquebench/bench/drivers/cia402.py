@@ -559,6 +559,7 @@ class Cia402Drive:
         return round(1e3 * torque_nm / self._rated_nm)
 
     def _slope(self, rate_nm_per_s: float) -> int:
+        """Return a rate of torque as the drive has it: in ‰ of rated torque per second."""
         return min(LARGEST_SLOPE, max(1, math.ceil(1e3 * rate_nm_per_s / self._rated_nm)))
 
     def _ramp(self, rate_rad_per_s2: float) -> int:

@@ -93,6 +93,7 @@ class DaqmxOptions(Options):
 
     @model_validator(mode="after")
     def _timed(self) -> Self:
+        """Refuse options by which nothing, or more than one thing, times the samples."""
         if len(self.encoders) == 1:
             raise ConflictError(
                 "encoders",

@@ -154,7 +154,7 @@ class OpcUaProbes:
 
     def __init__(self, server: OpcUaServer) -> None:
         self._server = server
-        server.values()
+        server.values()  # refuses variables that the server doesn't have
 
     def identity(self) -> Identity:
         """Request the server's identity."""

@@ -82,8 +82,10 @@ class SampleClock:
             self._number = first + count
             self._torque = np.concatenate((self._torque, torque_nm))
             self._numbers = np.concatenate((self._numbers, first + np.arange(count)))
+            # The newest sample isn't older than the request: the first answer came no earlier.
             begun_s = max(until_s, timed_s) - self._number * self.period_s
             self._begun_s = max(begun_s, self._begun_s - LARGEST_DRIFT * passed_s)
+            # Count the answers in a row that leave this estimate within a period.
             if abs(self._begun_s - self._quiet_since_s) > self.period_s:
                 self._quiet, self._quiet_since_s = 0, self._begun_s
             self._quiet += 1

@@ -57,6 +57,7 @@ class Specimen:
             return work.plan(self.station.devices, limits, settings)
 
         def evaluated() -> Plan[Any]:
+            """Measure the test, keep its recording, and evaluate it."""
             recording = yield from plan()
             known = self.known.needed_by(test)
             kept.append(RecordedTest(test.name, self.reducer, settings, short, known, recording))

@@ -174,20 +174,20 @@ def without_tare(
     side: Side,
     known: tuple[TorqueUncertainty, ...],
 ) -> tuple[FloatArray, tuple[TorqueUncertainty, ...]]:
-    """Subtract an empty run from torques, and add its uncertainty."""
+    """Return torques less the side's empty run, and their `known` uncertainties with its own."""
     tare = bench.tares.get(side)
     if tare is None:
         return torque_nm, known
-    taken = [tare.at(float(speed)) for speed in speed_rpm]
-    left = tuple(
+    drags = [tare.at(float(speed)) for speed in speed_rpm]
+    uncertainties = tuple(
         replace(
-            one,
-            zero_nm=hypot(one.zero_nm, tare.zero_nm),
-            mounting_nm=hypot(one.mounting_nm, each.scatter_nm, each.transfer_nm),
+            own,
+            zero_nm=hypot(own.zero_nm, tare.zero_nm),
+            mounting_nm=hypot(own.mounting_nm, drag.scatter_nm, drag.transfer_nm),
         )
-        for one, each in zip(known, taken, strict=True)
+        for own, drag in zip(known, drags, strict=True)
     )
-    return torque_nm - np.array([each.torque_nm for each in taken]), left
+    return torque_nm - np.array([drag.torque_nm for drag in drags]), uncertainties
 
 
 # -- torque of a running test ---------------------------------------------------------------

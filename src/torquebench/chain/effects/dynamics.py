@@ -249,8 +249,8 @@ class _FollowedDynamics(_AppliedDynamics):
             self.memory.settling += reading_nm.size
             return
         row = np.arange(reading_nm.size)
-        last = np.maximum.accumulate(np.where(faulty, row, -1 - self.memory.settling))
-        since = row - last - 1
+        last_fault = np.maximum.accumulate(np.where(faulty, row, -1 - self.memory.settling))
+        since = row - last_fault - 1  # sound readings before each one
         unsettled = since < len(self.effect.weights) - 1
         curve[:] = np.hypot(curve, np.where(unsettled, added / _SQUARE_ROOT_3, 0.0))
         self.memory.settling = int(since[-1]) + 1

@@ -104,6 +104,7 @@ class Ripple(Effect):
         return (Component("ripple by angle", Shared.LOADING, u, added, place),)
 
     def _waves(self, speed_rpm: FloatArray, window_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return cosine and sine amplitudes of the orders at speeds, as a window averages them."""
         orders, cosine, sine = self._coefficients
         terms = speed_terms(speed_rpm, self.largest_rpm)
         whole = np.isinf(window_s)
@@ -116,9 +117,9 @@ class Ripple(Effect):
 
     @staticmethod
     def _turns(readings: Readings, speed: FloatArray, angle: FloatArray) -> FloatArray:
-        """Return the number of turns at each reading, as far as it is known."""
+        """Return the turns at each reading by its angle, else by speed and time, else one apart."""
         time_s = row_of(readings.time_s, angle.size)
-        apart = np.arange(float(angle.size))  # independent rows
+        apart = np.arange(float(angle.size))  # readings a turn apart have independent errors
         timed = np.isfinite(time_s)
-        own = np.where(timed, np.nan_to_num(speed) / MINUTE * np.where(timed, time_s, 0.0), apart)
-        return np.where(np.isnan(angle), own, angle / TURN)
+        turns = np.where(timed, np.nan_to_num(speed) / MINUTE * np.where(timed, time_s, 0.0), apart)
+        return np.where(np.isnan(angle), turns, angle / TURN)

@@ -125,6 +125,7 @@ class StaticCurve(Effect):
     def _curve(
         self, reading_nm: Values, branch: Values, torque_nm: Values, u_nm: Values
     ) -> Component:
+        """Return the curve's correction; errors are alike at close readings of one branch."""
         length_nm = CORRELATION_SHARE * float(self.model.full_scale_nm_)
         place = in_columns(reading_nm, reading_nm / length_nm, 0.5 * branch)
         return Component("static curve", Shared.CALIBRATION, u_nm, torque_nm - reading_nm, place)

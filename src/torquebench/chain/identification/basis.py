@@ -119,6 +119,7 @@ def _stack(*columns: FloatArray) -> FloatArray:
 
 
 def _warm(c: Circumstances, power: int) -> FloatArray:
+    """Power of the difference to the static curve's temperature, in units of `_KELVIN`."""
     return (c.warmth_k / _KELVIN) ** power
 
 
@@ -134,6 +135,7 @@ def _since_zero(columns: Columns) -> Columns:
 
 
 def _speed_bumps(c: Circumstances) -> FloatArray:
+    """Local bumps over the absolute speed."""
     size = np.abs(c.speed)[:, None]
     return np.asarray(np.exp(-0.5 * ((size - _SPEED_CENTRES) / _SPEED_WIDTH) ** 2))
 

@@ -119,6 +119,7 @@ def without_ripple(ripple: Ripple | None, runs: Sequence[EmptyRun]) -> list[Empt
 
 
 def _members(orders: Sequence[int]) -> FloatArray:
+    """Return the columns that belong to some orders, among the columns of all `ORDERS`."""
     width = 2 * _TERMS
     return np.concatenate([np.arange(width) + width * ORDERS.index(each) for each in orders])
 
@@ -193,13 +194,16 @@ def _scale(rows: Sequence[_Rows], variance: float) -> float:
 def _by_speed(
     orders: Sequence[int], speeds: FloatArray, largest: float, window_s: float
 ) -> FloatArray:
-    """Return the map from weights to amplitudes at speeds, (2 orders, speeds, weights)."""
+    """Return the map from weights to amplitudes at speeds, (2 orders, speeds, weights).
+
+    Each order's cosine and sine have weights of their own over the terms of speed; the counter's
+    window attenuates the amplitudes.
+    """
     terms = speed_terms(speeds, largest)
     size = 2 * len(orders)
-    found = np.zeros((size, speeds.size, size * _TERMS))
-    for number, order in enumerate(orders):
-        attenuation = np.sinc(order * speeds / MINUTE * window_s)
-        for side in range(2):
-            column = 2 * number + side
-            found[column, :, column * _TERMS : (column + 1) * _TERMS] = (attenuation * terms).T
-    return found
+    amplitudes = np.zeros((size, speeds.size, size * _TERMS))
+    for amplitude in range(size):
+        attenuation = np.sinc(orders[amplitude // 2] * speeds / MINUTE * window_s)
+        weights = slice(amplitude * _TERMS, (amplitude + 1) * _TERMS)
+        amplitudes[amplitude, :, weights] = (attenuation * terms).T
+    return amplitudes

@@ -436,6 +436,7 @@ def _members(used: Sequence[Block], sizes: Sequence[int]) -> dict[str, NDArray[n
 
 
 def _prior(used: Sequence[Block], groups: int) -> tuple[FloatArray, FloatArray]:
+    """Return means and deviations of the logarithms of blocks' scales and of groups' noise."""
     centres = [np.log(block.scale) for block in used] + [np.log(_NOISE)] * groups
     widths = [block.spread for block in used] + [_NOISE_SPREAD] * groups
     return np.array(centres), np.array(widths)
@@ -579,6 +580,7 @@ def _zero(fit: _Fit, zeros: Zeros, remanence_nm: float) -> tuple[float, tuple[Ze
 
 
 def _warm_nodes(data: _Data) -> FloatArray:
+    """Return temperatures over the calibrated range and as far again on both sides, °C."""
     low, high = data.limits_c
     further = max(high - low, _LEAST_EXTENSION_K)
     return np.linspace(

@@ -134,8 +134,8 @@ def correlated_covariance(
     scatter = _scatter(u, branch, series, target)
     courses = list(_courses(u, branch, series))
     pairs = [_pairs(scatter, *course) for course in courses]
-    way, product = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
-    share, length = _fitted(way, product)
+    distance, product = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    share, length = _fitted(distance, product)
     if share == 0.0:
         return None
     covariance = np.zeros((u.size, u.size))
@@ -187,11 +187,11 @@ def _pairs(
     return np.abs(places[first] - places[second]), values[first] * values[second]
 
 
-def _fitted(way: FloatArray, product: FloatArray) -> tuple[float, float]:
-    """Return share and length of the correlation; share 0 if it isn't significant."""
-    if way.size == 0:
+def _fitted(distance: FloatArray, product: FloatArray) -> tuple[float, float]:
+    """Fit share · exp(-distance / length) to products of scatter; share 0 if not significant."""
+    if distance.size == 0:
         return 0.0, 1.0
-    shapes = np.exp(-way / _LENGTHS[:, None])
+    shapes = np.exp(-distance / _LENGTHS[:, None])
     power = np.sum(shapes**2, axis=1)
     reaching = power > _FEWEST_PAIRS
     if not np.any(reaching):

@@ -487,18 +487,22 @@ class Member:
         return scaled @ solved.coefficients, np.hstack([scaled @ solved.inverse.T, moves @ root])
 
     def _coefficient_moves(self, solved: _Solved) -> FloatArray:
-        """Return the derivatives of the coefficients β / s by θ, for the columns' own scales."""
+        """Return the derivatives of the coefficients β / s by θ, for the columns' own scales.
+
+        They solve the normal equations, differentiated by each parameter: `moves` is the right
+        side, `solved.inverse` the factor of the inverse.
+        """
         layout, c = self.layout, solved.coefficients
         moves = np.zeros((c.size, self.theta.size))
         for block in solved.blocks:
-            place, shapes = block.place, layout.shape[block.name]
-            moves[place, layout.amplitude[block.name]] = 2.0 * c[place]
-            moves[place, shapes] = 2.0 * (c[place, None] * block.of_scales)
-            if block.slopes is not None:
-                for k, at in enumerate(range(layout.noise)[shapes]):
-                    slopes = block.slopes[:, :, k]
-                    moves[:, at] -= solved.columns.T @ (slopes @ c[place])
-                    moves[place, at] += slopes.T @ solved.residual
+            own, shapes = block.place, layout.shape[block.name]
+            moves[own, layout.amplitude[block.name]] = 2.0 * c[own]
+            moves[own, shapes] = 2.0 * (c[own, None] * block.of_scales)
+            if block.slopes is not None:  # its columns depend on the shape parameters, too
+                for number, parameter in enumerate(range(layout.noise)[shapes]):
+                    slopes = block.slopes[:, :, number]
+                    moves[:, parameter] -= solved.columns.T @ (slopes @ c[own])
+                    moves[own, parameter] += slopes.T @ solved.residual
         moves[:, layout.noise] = -2.0 * c
         if layout.growth is not None:
             share = layout.growth_share(self.theta, self.problem.points.u)
@@ -516,11 +520,13 @@ class Member:
         groups : int
             Number of columns of a candidate.
         """
+        # Each candidate's share of the data, less what the present columns explain of it.
         solved = self._solved
         white = self.problem.white(columns) * solved.root[:, None]
         left = solved.inverse @ (solved.columns.T @ white)
-        mine, others = (np.moveaxis(v.reshape(len(v), groups, -1), 2, 0) for v in (white, left))
-        gram = np.eye(groups) + np.swapaxes(mine, 1, 2) @ mine - np.swapaxes(others, 1, 2) @ others
+        own, explained = (np.moveaxis(v.reshape(len(v), groups, -1), 2, 0) for v in (white, left))
+        gram = np.eye(groups) + np.swapaxes(own, 1, 2) @ own
+        gram -= np.swapaxes(explained, 1, 2) @ explained
         right = (solved.residual @ white).reshape(groups, -1).T[:, :, None]
         power = np.sum(right * np.linalg.solve(gram, right), axis=(1, 2))
         return np.asarray(0.5 * power - 0.5 * np.linalg.slogdet(gram)[1])

@@ -241,6 +241,7 @@ class _Branch(Part):
     open_share: ClassVar[float] = 0.3  # of the deviation that may remain open at full scale
 
     def columns(self, points: Points, shape: FloatArray) -> Columns:  # noqa: ARG002
+        """Opposite on both branches: sines that close at full scale, and an open end by `x`."""
         x = np.minimum(np.abs(points.u), 1.0)
         closed = (1.0 - x)[:, None] * _sines(points.u, self.half_width, self.count)
         side = points.side[:, None]

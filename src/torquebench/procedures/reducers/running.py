@@ -358,26 +358,27 @@ def _open_shares(
     done: int,
     table: RunningTable,
 ) -> Sequence[float]:
-    """Return the torques, as shares, at which the efficiency misses the target uncertainty."""
+    """Return the shares of rated torque at which the efficiency needs more repeats for its U."""
     target = settings.target_points
     if target is None or not _repeats_on(target, settings.repeats):
         return ()
     if done >= settings.most_repeats or not table.compensated():
         return ()
-    found = table.recording()
-    percent = 100.0 * np.abs(found.torque_nm["output"] / (limits.ratio * found.torque_nm["input"]))
-    still = []
+    points = table.recording()
+    torque_nm = points.torque_nm
+    percent = 100.0 * np.abs(torque_nm["output"] / (limits.ratio * torque_nm["input"]))
+    open_shares = []
     for share in shares:
-        here = np.isclose(np.abs(found.nominal_nm), share * limits.rated_torque_nm)
+        rows = np.isclose(np.abs(points.nominal_nm), share * limits.rated_torque_nm)
         _, error = errors_of_means(
-            percent[here],
-            np.abs(found.nominal_rpm[here]),
-            found.direction[here],
-            found.repeat[here],
+            percent[rows],
+            np.abs(points.nominal_rpm[rows]),
+            points.direction[rows],
+            points.repeat[rows],
         )
         if 2.0 * error > target:
-            still.append(share)
-    return still
+            open_shares.append(share)
+    return open_shares
 
 
 def _load_grid(

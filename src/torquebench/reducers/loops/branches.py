@@ -226,8 +226,8 @@ def _single_cycle(torque: Floats, parts: list[tuple[int, Indices]]) -> list[tupl
     if len(parts) != 3:
         return []
     (sign, first), (_, middle), (_, last) = parts
-    end = 0.5 * _span(torque, middle)
-    if min(_span(torque, first), _span(torque, last)) < FULL_SPAN * end:
+    half_span = 0.5 * _span(torque, middle)
+    if min(_span(torque, first), _span(torque, last)) < FULL_SPAN * half_span:
         return []
     return [((last, first), (middle,))] if sign > 0 else [((middle,), (last, first))]
 

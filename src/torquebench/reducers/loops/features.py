@@ -263,12 +263,13 @@ def _energy(rising: Pieces, falling: Pieces, raw: RawLoop, recording: Recording)
             )
             for rows in (*raw.rising, *raw.falling)
         ]
+    # Squared standard deviations of the area: by the noise, and by the steps of the angle.
     squares = steps = 0.0
     for branch in branches:
         squares += float(np.sum(np.diff(branch.torque) ** 2)) * branch.noise**2
         # If steps of the angle beat with those of the torque, a whole branch is raised.
         steps += (float(np.ptp(branch.torque)) * branch.step) ** 2
-    area, coarser = (_area(branches, every) for every in (1, 2))
+    area, coarser = (_area(branches, every) for every in (1, 2))  # from all, from half the samples
     hidden = max((area - coarser) ** 2 - 9.0 * squares, 0.0) / 3.0
     # The ends of a branch cut its first and last count, so that their angles are known less well.
     x, y = (

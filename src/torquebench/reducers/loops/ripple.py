@@ -115,6 +115,7 @@ def effect_of_ripple(
         left = LEFT_UNRESOLVED
 
     def change(value: Callable[[LoopFeatures], float]) -> float:
+        """Return by how much the mean of a loop's value differs between steady and rippling."""
         means = [float(np.mean([value(each) for each in loops])) for loops in (steady, rippling)]
         return abs(means[0] - means[1])
 

@@ -253,18 +253,21 @@ def _less_offset(points: SpeedPoints) -> SpeedPoints:
     forward, backward = speed > 0.0, speed < 0.0
     if not forward.any() or not backward.any():
         return points
-    at, order = speed[forward], np.argsort(-speed[backward])
-    sizes, others = -speed[backward][order], torque[backward][order]
-    reached = (at >= 0.98 * sizes[0]) & (at <= 1.02 * sizes[-1])
-    if not reached.any():
+    # Backward torques are interpolated at the forward speeds within their range.
+    forward_speed, order = speed[forward], np.argsort(-speed[backward])
+    backward_speed, backward_torque = -speed[backward][order], torque[backward][order]
+    common = forward_speed >= 0.98 * backward_speed[0]
+    common &= forward_speed <= 1.02 * backward_speed[-1]
+    if not common.any():
         return points
-    halves = 0.5 * (torque[forward] + np.interp(at, sizes, others))[reached]
+    opposite = np.interp(forward_speed, backward_speed, backward_torque)
+    halves = 0.5 * (torque[forward] + opposite)[common]
     offset = float(halves.mean())
     spread = float(np.std(halves, ddof=1)) / halves.size**0.5 if halves.size > 1 else 0.0
     scatter = points.torque - torque[points.group]
     freedom = points.torque.size - count.size
-    own = float(np.sqrt(np.sum(scatter**2) / freedom)) if freedom else 0.0
-    error = max(spread, own / points.torque.size**0.5, points.resolution_nm / 12.0**0.5)
+    noise = float(np.sqrt(np.sum(scatter**2) / freedom)) if freedom else 0.0
+    error = max(spread, noise / points.torque.size**0.5, points.resolution_nm / 12.0**0.5)
     if abs(offset) <= OFFSET_SIGNIFICANT * error or not error > 0.0:
         return points
     finding = Finding(

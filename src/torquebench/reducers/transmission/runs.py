@@ -89,17 +89,18 @@ def unwrapped(angle_rad: Floats) -> Floats:
 
     if angle_rad.size < 4:
         return np.unwrap(angle_rad)
-    to, beyond = wrapped(np.diff(angle_rad)), wrapped(angle_rad[2:] - angle_rad[:-2])
-    usual = float(np.median(np.abs(to)))
-    back = np.minimum(np.abs(to[:-1]), np.abs(to[1:]))
-    wild = np.zeros(angle_rad.size, dtype=np.bool_)
-    wild[1:-1] = (back > 20.0 * usual + 1e-6) & (np.abs(beyond) < 0.3 * back)
-    good = np.flatnonzero(~wild)
+    # An outlier is far from both neighbours, which are close to each other.
+    step, across = wrapped(np.diff(angle_rad)), wrapped(angle_rad[2:] - angle_rad[:-2])
+    usual = float(np.median(np.abs(step)))
+    nearer = np.minimum(np.abs(step[:-1]), np.abs(step[1:]))
+    outlier = np.zeros(angle_rad.size, dtype=np.bool_)
+    outlier[1:-1] = (nearer > 20.0 * usual + 1e-6) & (np.abs(across) < 0.3 * nearer)
+    good = np.flatnonzero(~outlier)
     result = np.array(angle_rad)
     result[good] = np.unwrap(angle_rad[good])
-    for row in np.flatnonzero(wild):
-        near = result[row - 1] if row else result[row + 1]
-        result[row] = near + wrapped(angle_rad[row] - near)
+    for row in np.flatnonzero(outlier):
+        before = result[row - 1]
+        result[row] = before + wrapped(angle_rad[row] - before)
     return result
 
 
@@ -232,20 +233,19 @@ def _after_a_turn(run: Run, ratio: float) -> tuple[Floats, float]:
     noise = noise_of(error)
     last = float(angle[-1]) - TURN
     here = np.flatnonzero(angle <= max(last, float(angle[0])))
-    later = np.interp(angle[here] + TURN, angle, error) - error[here]
+    change = np.interp(angle[here] + TURN, angle, error) - error[here]
     if last < float(angle[0]):  # the turn isn't quite complete: continue by the slope at both ends
         ends = [np.polyfit(angle[part], error[part], 1) for part in (slice(6), slice(-6, None))]
         slope = 0.5 * float(ends[0][0] + ends[1][0])
         gap = float(angle[0]) - last
-        later = np.array([float(error[-1] - error[0]) + slope * gap])
+        change = np.array([float(error[-1] - error[0]) + slope * gap])
         noise = float(np.hypot(noise, abs(ends[0][0] - ends[1][0]) * gap))
     if float(np.ptp(angle[here])) > 1.5 * TURN / abs(ratio) and here.size > 32:
         # If the ratio isn't an integer, an order of the input isn't one of the output.
         basis = _periodic(angle[here], [abs(ratio), 2.0 * abs(ratio)])
-        mean = later.mean()
-        later = later - basis @ (basis.T @ (later - mean))
-    parts = np.array_split(np.arange(later.size), max(1, min(8 * run.turns, later.size // 16)))
-    means = np.array([later[part].mean() for part in parts])
+        change = change - basis @ (basis.T @ (change - change.mean()))
+    parts = np.array_split(np.arange(change.size), max(1, min(8 * run.turns, change.size // 16)))
+    means = np.array([change[part].mean() for part in parts])
     size = float(np.mean([part.size for part in parts]))
     # Counts may beat with the samples: their error doesn't average out.
     error_of = float(np.hypot(noise * (2.0 / size) ** 0.5, run.counted_rad / 6.0**0.5))
