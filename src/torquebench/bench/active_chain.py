@@ -243,6 +243,7 @@ class _Torques:
         self._refused: deque[tuple[float, Readings]] = deque(maxlen=MOST_REFUSED)
 
     def append(self, time_s: FloatArray, torque: Torque, readings: Readings) -> None:
+        """Keep the torques of a block, and its first reading that was refused."""
         if not time_s.size:
             return
         if self._recent is None:

@@ -243,6 +243,7 @@ def _drive_serial(bench: NewBench, side: Side) -> str:
 
 
 def _standards(bench: NewBench) -> Iterator[str]:
+    """Yield the lines of the description's sections for both torque standards."""
     at_counter = bench.reference == "counter" and bench.counter in COUNTERS
     signal = bench.signal if at_counter else "Nm"  # an amplifier scales by the certificate
     for key, number, percent in (("calibrator", 1, 0.05), ("verification_standard", 2, 0.02)):

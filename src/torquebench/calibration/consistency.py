@@ -423,6 +423,7 @@ class _Description:
             slope = precision - np.outer(weighted, weighted)
             gradient = away / self.prior_sd
             gradient[:-2] += powers * np.einsum("ij,kij->k", slope, self.shapes)
+            # The last two amplitudes are those of the noise and of its growth with torque.
             grown = np.exp(amplitudes[-1]) * self.square
             on_diagonal = np.diag(slope) * noise
             gradient[-2] += np.sum(on_diagonal)
@@ -461,6 +462,7 @@ def _parts(table: _Table) -> Iterator[tuple[str, FloatArray]]:
         return np.exp(-0.5 * (distance / length) ** 2)
 
     def jagged(length: float) -> FloatArray:
+        """Return the correlations of a curve that has slopes but bends sharply (Matérn 3/2)."""
         far = np.sqrt(3.0) * distance / length
         return np.asarray((1.0 + far) * np.exp(-far))
 
@@ -584,6 +586,7 @@ class _Search:
 
     def _priors(self, first: NDArray[np.intp], end: NDArray[np.intp]) -> FloatArray:
         """Return the log prior odds of a change from one point to another."""
+        # 20 % for all pairs of points, 50 % for changes that last, 30 % for those of whole legs.
         n, legs = self.size, int(self.cut.sum())
         odds = np.full(first.size, 0.2 / (n * n / 2.0))
         odds[end == n] = 0.5 / n

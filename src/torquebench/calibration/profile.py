@@ -482,6 +482,7 @@ class _Staircase:
                     change = "none"
 
     def _preloads(self, number: int, position: Position, signs: Sequence[int]) -> list[Step]:
+        """Return the preloads of a position, each to the largest torque and back to zero."""
         preload = self.profile.preload
         after_change = preload.cycles_after_change
         cycles = preload.cycles if number == 0 or after_change is None else after_change

@@ -310,6 +310,7 @@ def loading_series(data: CalibrationData, direction: int) -> Loading | None:
         return Loading(steps, [], tuple(remarks))
 
     def column(rows: NDArray[np.intp]) -> FloatArray:
+        """Return the mean of these rows at each step; NaN at steps without one."""
         values = reduced[rows]
         keep = values > 0.0
         at = np.searchsorted(steps, np.abs(nominal[rows[keep]]))

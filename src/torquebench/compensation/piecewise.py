@@ -160,6 +160,7 @@ class PiecewisePolynomial:
         return np.concatenate(rising), np.concatenate(falling)
 
     def _branches(self, number: Any, reading: Any) -> tuple[Any, Any]:
+        """Return the curve's values at readings while the torque rises, and while it falls."""
         _, interval, place = self._located(number, reading)
         middle = interval + self.intervals
         if not self.branch_aware:

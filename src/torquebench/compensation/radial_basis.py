@@ -73,6 +73,7 @@ class RadialBasis:
 
 
 def _gaussians(x: FloatArray, centres: FloatArray, log_widths: FloatArray) -> FloatArray:
+    """Return the neurons' outputs at x, (..., points, neurons), for one network or for many."""
     distance = (x[:, None] - centres[..., None, :]) * np.exp(-log_widths)[..., None, :]
     return np.asarray(np.exp(-0.5 * distance * distance))
 

@@ -305,6 +305,7 @@ def _scalar_function(curve: PiecewisePolynomial) -> Callable[..., float]:
         return float(reading_nm + (constant + slope * (location - index - 0.5)))
 
     def cubic(reading_nm: float, branch: int = 0) -> float:
+        """Find the interval, which is shorter near zero, and evaluate its polynomial there."""
         if not low <= reading_nm <= high:
             raise refuse(reading_nm)
         if reading_nm > near:

@@ -209,6 +209,7 @@ def _covariance(function: Callable[[FloatArray], FloatArray], free: FloatArray) 
     spread = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     inverse = np.linalg.pinv(normal / np.outer(spread, spread), rcond=1e-14)
     inverse /= np.outer(spread, spread)
+    # "Sandwich" covariance: lags are weighted by a triangle (Newey and West).
     count = residual.size - free.size - 2
     middle = float(residual @ residual) / count * normal
     for lag in range(1, min(_CORRELATED_LAGS, residual.size // 10)):

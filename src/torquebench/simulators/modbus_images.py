@@ -157,6 +157,7 @@ class DriveImage(Image):
             self._obey(DriveControl(holding[DriveCommand.CONTROL]))
 
     def _check(self, holding: list[int], touched: range) -> None:
+        """Refuse written registers with unknown codes, numbers out of range, or half a number."""
         known = DriveControl.ENABLE | DriveControl.ZERO | DriveControl.RESET
         if holding[DriveCommand.CONTROL] & ~int(known):
             raise ValueError("control")

@@ -585,21 +585,21 @@ class BenchTwin:
         self._settle_inertia()
 
     def _settle_inertia(self) -> None:
-        """Set the moving inertia of the speed controllers."""
+        """Set the inertia that each speed controller moves, referred to its own flange, kg·m²."""
         drives, reducer = self._constants.drives, self._parameters.reducer
         own = [drive.motor_inertia_kgm2 + drive.flange_inertia_kgm2 for drive in drives]
         self._orders.inertia_kgm2[:] = own
         if self._orders.plant[0] != mechanism.FLANGE_COUPLED:
             return
-        behind = [drive.flange_inertia_kgm2 for drive in drives]
+        turned = [drive.flange_inertia_kgm2 for drive in drives]
         for k in range(2):
             if self._orders.conversion[k] == mechanism.CONVERSION_DRIVEN:
-                behind[k] = own[k]
-        ahead_total = behind[0] + reducer.input_inertia_kgm2
-        behind_total = behind[1] + reducer.output_inertia_kgm2
+                turned[k] = own[k]
+        input_total = turned[0] + reducer.input_inertia_kgm2
+        output_total = turned[1] + reducer.output_inertia_kgm2
         square = reducer.ratio**2
-        self._orders.inertia_kgm2[0] = ahead_total + behind_total / square
-        self._orders.inertia_kgm2[1] = behind_total + ahead_total * square
+        self._orders.inertia_kgm2[0] = input_total + output_total / square
+        self._orders.inertia_kgm2[1] = output_total + input_total * square
 
     def _edges(self, channel: Channel, first: int, recording: simulation.Recording) -> TickArray:
         """Return the edges of one channel up to the present tick, with its faults."""

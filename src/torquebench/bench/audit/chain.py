@@ -185,6 +185,7 @@ class _Walk:
             self._problem(self._older, "was changed after it was written")
 
     def finish(self) -> None:
+        """Report missing first lines, and an end before a line that was noted elsewhere."""
         if self._first > self._dropped + 1 and not self.check.problems:
             self._problem(
                 str(self._folder), f"lines {self._dropped + 1} to {self._first - 1} are missing"

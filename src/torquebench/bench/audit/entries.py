@@ -265,7 +265,7 @@ class _Sink:
     """Output of structlog, which appends its lines to the log."""
 
     def __init__(self, write: Callable[[str], None], write_soon: Callable[[str], None]) -> None:
-        self.info = write
+        self.info = write  # structlog calls them by these names
         self.debug = write_soon
 
 

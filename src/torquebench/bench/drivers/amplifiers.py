@@ -171,7 +171,7 @@ class AmplifierReadout:
         self._failure: BenchError | None = None
         self._lock = threading.Lock()
         self._ending = threading.Event()
-        amplifier.values()
+        amplifier.values()  # raises where the amplifier doesn't answer
         self._thread = threading.Thread(target=self._ask, daemon=True)
         self._thread.start()
 

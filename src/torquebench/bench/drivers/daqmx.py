@@ -227,6 +227,7 @@ class DaqmxCounter(LibraryCounter):
     # -- the device -------------------------------------------------------------------------
 
     def _connect(self) -> Any:
+        """Return a connection to the device's server; None for a device of this computer."""
         if self._options.address is None:
             return None
         grpc = require_library("grpc", "nidaqmx")

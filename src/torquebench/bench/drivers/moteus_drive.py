@@ -191,6 +191,7 @@ class MoteusDrive:
         self._step("velocity", speed_rad_s / TURN, ramp_rad_per_s2 / TURN)
 
     def _step(self, quantity: str, target: float, rate: float) -> None:
+        """Ramp a torque or speed to a target at a rate; control of the other quantity ends."""
         if not self.state().enabled:
             raise BenchError(
                 Message("{name} is off", self._link.name),

@@ -142,6 +142,7 @@ class OpenDaqCounter(LibraryCounter):
         return matching[0]
 
     def _scale(self, number: int) -> tuple[float, float]:
+        """Return how many Hz a unit of a served signal is, and the offset in Hz."""
         name = self._served[number]
         options = self._options.channels[name]  # type: ignore[index]
         unit = self._signals[number].descriptor.unit

@@ -67,6 +67,7 @@ class S7Link(PlcLink):
         return parts
 
     def _read(self, connection: Any, names: Sequence[str]) -> list[float]:
+        """Read variables with one request for each data block."""
         parts = self._parts(names)
         raw: dict[int, tuple[int, bytes]] = {}
         for block in {block for block, _, _ in parts}:

@@ -108,6 +108,7 @@ class _Lift:
         self._before = (0.0, 0)
 
     def begin(self) -> None:
+        """Raise the process's priority for the first bench, and switch threads more often."""
         with self._lock:
             asked = _priority_wanted()
             self._benches += 1

@@ -140,6 +140,7 @@ class ReadBack:
         )
 
     def _without_set_point(self, side: Side, since: float) -> bool:
+        """Return whether a drive that was read since a moment is off or has set points of zero."""
         state = self._workers[side].read(since)
         if state is None:
             return False

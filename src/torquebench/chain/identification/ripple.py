@@ -139,6 +139,7 @@ def _standing_out(rows: Sequence[_Rows]) -> list[int]:
 
 
 def _normal(rows: Sequence[_Rows]) -> tuple[FloatArray, FloatArray]:
+    """Return matrix and right side of the normal equations of a least-squares fit."""
     matrix = sum((each.columns.T @ each.columns for each in rows[1:]),
                  rows[0].columns.T @ rows[0].columns)  # fmt: skip
     vector = sum((each.columns.T @ each.target for each in rows[1:]),

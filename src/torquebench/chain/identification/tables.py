@@ -328,6 +328,7 @@ def _static_curve(
 
 
 def _additional(curve: CompensationModel, reading_nm: FloatArray, branch: FloatArray) -> FloatArray:
+    """Return what the curve adds to readings, N·m; outside its range, as at the range's end."""
     inside = np.clip(reading_nm, curve.reading_low_nm_, curve.reading_high_nm_)
     return np.asarray(curve.predict(features(inside, branch, 0.0)) - inside)
 
@@ -443,6 +444,7 @@ def _prior(used: Sequence[Block], groups: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _groups(runs: Sequence[_Run], points: Normal, slowness: float = 1.0) -> list[Normal]:
+    """Return the equations of all runs, with rows that are alike thinned out, and of the points."""
     if not runs:
         return [points]
     total = sum((Normal.of(c, t) for c, t, _ in runs[1:]), Normal.of(*runs[0][:2]))

@@ -87,6 +87,7 @@ class _Average:
         return member
 
     def _starts(self, layout: Layout, parent: Member) -> list[FloatArray | None]:
+        """Return parameters to start from: the parent's; a new ripple has likely frequencies."""
         start = parent.start_for(layout)
         if "ripple" not in layout.parts or "ripple" in parent.layout.parts:
             return [start]

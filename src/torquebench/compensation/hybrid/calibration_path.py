@@ -89,7 +89,7 @@ def _loadings(u: FloatArray, series: FloatArray) -> tuple[NDArray[np.int64], NDA
     """Return each point's loading, 2 · series (+ 1 if counter-clockwise), and all loadings."""
     keys = 2 * np.unique(series, return_inverse=True)[1] + (u < 0)
     sections = np.unique(keys[np.abs(u) > _SIDED])
-    lone = ~np.isin(keys, sections)
+    lone = ~np.isin(keys, sections)  # points near zero on the other side of a one-sided series
     keys[lone] = keys[lone] ^ 1
     return keys, sections
 

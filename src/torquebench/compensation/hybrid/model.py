@@ -175,6 +175,7 @@ class HybridModel(CompensationModel):
         widening = student_widening(freedom)
 
         def variance(branch: float) -> FloatArray:
+            """Return the curve's variance at the nodes: within members and between them."""
             means, variances = [], []
             for member in members:
                 mean, factors = member.curve(Points(nodes, np.full(nodes.size, branch)))

@@ -161,6 +161,7 @@ class _Step(Part):
     fixed: ClassVar[bool] = False
 
     def columns(self, points: Points, shape: FloatArray) -> Columns:
+        """Sign of the torque, smoothed over a width with sharpness k; derivatives by ln of both."""
         width, k = shape
         z = np.maximum(np.abs(points.u) / width, 1e-12)
         power = z**k
@@ -265,6 +266,7 @@ class _Rough(Part):
         return _sines(points.u, self.half_width, self.count), None
 
     def scales(self, shape: FloatArray) -> Scales:
+        """Half the log spectral density of a Matérn 5/2 kernel, and its derivative by ln length."""
         length = shape[0]
         rate2 = 5.0 / length**2
         total = rate2 + _waves(self.half_width, self.count) ** 2
@@ -306,6 +308,7 @@ class _Drift(Part):
     fixed: ClassVar[bool] = False
 
     def columns(self, points: Points, shape: FloatArray) -> Columns:
+        """Share of an exponential relaxation, 1 at time 1; derivative by ln of its constant."""
         time = points.elapsed
         if not time.size:
             return np.zeros((len(points), 1)), np.zeros((len(points), 1, 1))

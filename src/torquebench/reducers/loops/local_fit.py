@@ -128,7 +128,10 @@ def _parabola(x: Floats, y: Floats) -> tuple[float, float, float]:
 
 
 def _between(x: Floats, y: Floats, place: float, value: float, sigma: float) -> float:
-    """Return the standard uncertainty of interpolation between two knots, beyond their noise."""
+    """Return the standard uncertainty of a value interpolated at a place between two knots.
+
+    It is the difference to lines through neighbouring knots, beyond their noise `sigma`.
+    """
     torque, first = np.unique(x, return_index=True)
     if torque.size < 3:
         return 0.0

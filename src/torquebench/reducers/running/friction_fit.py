@@ -220,6 +220,7 @@ def _solve(
     root = np.sqrt(weight)
 
     def at(stribeck_speed: float) -> tuple[NDArray[np.float64], float]:
+        """Return the linear parts, none below 0, and the squares left, at a Stribeck speed."""
         basis, _ = _basis(speed, names, stribeck_speed, exponent)
         scale = np.abs(basis).max(axis=0)
         solution, distance = nnls(basis / scale * root[:, None], torque * root)
@@ -237,10 +238,10 @@ def _solve(
         found = minimize_scalar(distance, bounds=bounds, method="bounded", options={"xatol": 1e-9})
         stribeck_speed = float(np.exp(found.x))
     linear, squares = at(stribeck_speed)
-    there = {name for name, value in zip(names, linear, strict=True) if value > 0} | {"coulomb"}
-    if there != set(names):
+    present = {name for name, value in zip(names, linear, strict=True) if value > 0} | {"coulomb"}
+    if present != set(names):
         simpler = next(
-            name for name, parts in FORMS.items() if set(parts) - {"stribeck_speed"} == there
+            name for name, parts in FORMS.items() if set(parts) - {"stribeck_speed"} == present
         )
         return _solve(speed, torque, weight, simpler, exponent)
     return _Solution(form, linear, stribeck_speed, squares, inside)

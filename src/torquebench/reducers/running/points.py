@@ -167,6 +167,7 @@ def _of_ramp(samples: Samples) -> tuple[Samples, NDArray[np.int64], Floats]:
     share = (np.abs(speed) / float(np.max(np.abs(speed)))) ** (2.0 / 3.0)
     part = np.floor(share * RAMP_PARTS) * np.sign(speed)
     rising = np.sign(np.gradient(moving_mean(np.abs(speed), 9)))
+    # The lowest parts of both directions have the number 0: the addend keeps them separate.
     key, index = np.unique(
         np.column_stack([part + 0.1 * np.sign(speed), rising]), axis=0, return_inverse=True
     )

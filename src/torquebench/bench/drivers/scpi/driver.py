@@ -125,6 +125,7 @@ class ScpiCounter(DescribedCounter):
         self._running = channels
 
     def _start(self, link: ScpiLink) -> None:
+        """Set a counter up to measure continuously with the common reference clock."""
         clock = self._options.reference_clock
         gate_s = self._counting.window_s
         for line in self._options.setup:
