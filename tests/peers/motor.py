@@ -11,7 +11,8 @@ class Ramp:
     def __init__(self) -> None:
         self._from = self.target = 0.0
         self._rate = math.inf
-        self._since = 0.0
+        self._since = time.monotonic()
+        self._covered = 0.0
 
     @property
     def present(self) -> float:
@@ -21,7 +22,17 @@ class Ramp:
             self.target if abs(distance) <= reach else self._from + math.copysign(reach, distance)
         )
 
+    @property
+    def covered(self) -> float:
+        """Integral of the set point over the time since it was 0 and at rest."""
+        elapsed, distance = time.monotonic() - self._since, self.target - self._from
+        ramp_s = min(elapsed, abs(distance) / self._rate if distance else 0.0)
+        reached = self._from + math.copysign(min(self._rate * ramp_s, abs(distance)), distance)
+        ramped = 0.5 * (self._from + reached) * ramp_s if ramp_s else 0.0
+        return self._covered + ramped + self.target * (elapsed - ramp_s)
+
     def go(self, target: float, rate: float) -> None:
+        self._covered = self.covered
         self._from, self._since = self.present, time.monotonic()
         self.target, self._rate = target, rate
 
@@ -41,6 +52,7 @@ class Motor:
         self.torque, self.speed = Ramp(), Ramp()
         self.largest_torque = 0.0
         self._fed = 0.0
+        self._turned = 0.0
 
     def feed(self) -> None:
         self.look()
@@ -57,7 +69,7 @@ class Motor:
             self.on = True
         elif not on:
             self.on = False
-            self.torque, self.speed = Ramp(), Ramp()
+            self._stop()
 
     def reset(self) -> None:
         self.power(False)
@@ -70,7 +82,16 @@ class Motor:
 
     def power_lost(self) -> None:
         self.on, self.tripped = False, True
+        self._stop()
+
+    def _stop(self) -> None:
+        self._turned = self.angle_rad
         self.torque, self.speed = Ramp(), Ramp()
+
+    @property
+    def angle_rad(self) -> float:
+        """Angle since it was made."""
+        return self._turned + self.speed.covered
 
     @property
     def ramping(self) -> bool:

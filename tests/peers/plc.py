@@ -7,6 +7,7 @@ docs/reference/device-protocols.md.
 import contextlib
 import ctypes
 import itertools
+import math
 import os
 import socket
 import socketserver
@@ -51,7 +52,20 @@ FIXTURE = tuple(
         *("Clamp", "Rail", "Contacts"),
     )
 )
+COUNTS = {"Input": 1048576, "Output": 8388608}
+"""Of the encoders, per turn."""
 SIZES = {"INT": ("h", 2), "DINT": ("i", 4), "REAL": ("f", 4)}
+
+
+class Reducer:
+    """A reducer between both flanges whose output is free: friction and ratio."""
+
+    ratio = 121.0
+
+    @staticmethod
+    def friction_nm(speed_rad_s: float) -> float:
+        """Return the torque at the input that keeps a speed."""
+        return 0.2 * math.tanh(speed_rad_s / 0.1) + 0.002 * speed_rad_s
 
 
 class Program:
@@ -61,9 +75,11 @@ class Program:
         self.memory, self.values = memory, values
         self.motors = {"Input": Motor(), "Output": Motor()}
         self.running = True
+        self.reducer: Reducer | None = None
         self._done = dict.fromkeys(self.motors, 0)
         self._life = dict.fromkeys(self.motors, 0)
         self._cycles = 0
+        self._lock = threading.RLock()
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
@@ -81,6 +97,10 @@ class Program:
                 self.cycle()
 
     def cycle(self) -> None:
+        with self._lock:
+            self._cycle()
+
+    def _cycle(self) -> None:
         for name, motor in self.motors.items():
             with motor.lock:
                 self._drive(name, motor)
@@ -109,11 +129,17 @@ class Program:
             "Speed": motor.speed.present,
             "MaxTorque": MAXIMUM_NM[name],
             "MaxSpeed": MAXIMUM_RAD_S,
-            "Position": 4711,
+            "Position": 4711 + round(COUNTS[name] * self._angle_rad(name) / math.tau),
             "Done": self._done[name],
         }
         for field, value in report.items():
             self.memory.set(name, field, value)
+
+    def _angle_rad(self, name: str) -> float:
+        """Return the angle of a side's shaft."""
+        if self.reducer is None or name == "Input":
+            return self.motors[name].angle_rad
+        return self.motors["Input"].angle_rad / self.reducer.ratio
 
     def _obey(self, motor: Motor, most_nm: float, get: Callable[[str], Any]) -> bool:
         """Execute a command; return whether it is refused."""
@@ -160,10 +186,13 @@ class _Plc:
         self.cable.heal()
 
     def torque_nm(self, side: str) -> float:
-        """Return the torque of a side's drive against the clamped standard."""
+        """Return the torque of a side's drive against the clamped standard or reducer."""
         motor = self.program.motors[side.capitalize()]
         with motor.lock:
             motor.look()
+            if self.program.reducer is not None:
+                speed = motor.speed.present if motor.on else 0.0
+                return self.program.reducer.friction_nm(speed) if side == "input" else 0.0
             return motor.torque.present if motor.on and self.get("Fixture", "Clamp") else 0.0
 
     def _serve(self) -> None:
@@ -216,6 +245,8 @@ class _AmsConnection(socketserver.StreamRequestHandler):
             while len(head := self.rfile.read(6)) == 6:
                 packet = head + self.rfile.read(struct.unpack("<I", head[2:])[0])
                 request = AdsClientConnection.construct_request(packet)
+                if self.server.program.running:  # type: ignore[attr-defined]
+                    self.server.program.cycle()  # type: ignore[attr-defined]  # no stale position
                 response = self.server.handler.handle_request(request)  # type: ignore[attr-defined]
                 self.wfile.write(AdsClientConnection.construct_response(response, request))
 
@@ -224,6 +255,7 @@ class _Router(socketserver.ThreadingTCPServer):
     allow_reuse_address = True
     daemon_threads = True
     handler: Any
+    program: Program
 
 
 _NUMBERS = itertools.count(os.getpid() % 50_000)
@@ -287,7 +319,7 @@ class AdsPlc(_Plc):
 
     def _serve(self) -> None:
         self._server = _Router((self._behind, NET_PORT), _AmsConnection)
-        self._server.handler = self._handler
+        self._server.handler, self._server.program = self._handler, self.program
         threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True).start()
 
     def _end(self) -> None:

@@ -22,7 +22,7 @@ from tests.peers.displays import ScalePeer
 from tests.peers.hbm_amplifiers import HbmPeer
 from tests.peers.modbus_device import READ_COILS, READ_INPUT, ModbusDevicePeer
 from tests.peers.moteus_controller import MoteusPeer
-from tests.peers.plc import AdsPlc, S7Plc
+from tests.peers.plc import AdsPlc, Reducer, S7Plc
 from tests.system.command_line import environment, wait_until
 from tests.system.networked import CAN_BUS, WATCHDOG_S, waiting
 from tests.system.panel_api import SLOW
@@ -250,6 +250,34 @@ def test_a_module_is_calibrated(kind: Example, tmp_path: Path) -> None:
         assert process.returncode == 0, said
     raw = float(re.findall(r"raw reading\s+[\d.]+\s+[\d.]+\s+([\d.]+)", said)[0])
     assert raw == pytest.approx(100.0 * (GAIN - 1.0), rel=0.1)  # % FS
+
+
+@pytest.mark.alone  # peers and bench run in real time
+@pytest.mark.nightly
+def test_a_reducer_is_tested(tmp_path: Path) -> None:
+    with example("beckhoff", tmp_path) as (plc, bench):
+        plc.program.reducer = Reducer()
+        text = bench.read_text(encoding="utf-8")
+        text = text.replace("reducer_ratio = 80", "reducer_ratio = 121")
+        quick = text.replace("speed_rate_rpm_per_s = 1300", "speed_rate_rpm_per_s = 6000")
+        bench.write_text(quick, encoding="utf-8")
+        done = subprocess.run(
+            command(
+                *("test", "no-load", "--short", "--reducer", "rv-40e", "--yes", "--json"),
+                bench=bench,
+            ),
+            env=environment(),
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=600.0,
+        )
+    assert done.returncode == 0, done.stderr
+    found = re.findall(r'"key": "no_load_(-?\d+)_rpm".*?"value": (-?[\d.]+)', done.stdout)
+    assert len(found) > 4
+    for rpm, value_nm in found:
+        friction_nm = GAIN * Reducer.friction_nm(int(rpm) * math.tau / 60.0)
+        assert float(value_nm) == pytest.approx(friction_nm, abs=0.003)
 
 
 @pytest.mark.alone  # peers and bench run in real time

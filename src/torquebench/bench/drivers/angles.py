@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import time
+from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from math import inf
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +19,10 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.signals import Record
 
+RECENT_PARTS = 100
+"""Number of parts among which the fastest one relates both clocks, which differ slowly."""
+LEAST_DISTANCE_S = 1e-4
+"""Least time between two polls, so that a speed between them is finite."""
 POLLS = 2
 """Number of polls in a block, one at the end of each part: the fewest that give a speed."""
 
@@ -34,19 +41,26 @@ class AngleSource(Protocol):
 class CounterWithAngles:
     """A counter without encoder inputs, combined with a source of angles.
 
-    A block is read in `POLLS` parts, and the positions are polled at the end of each part. Their
-    times are known to the duration of a poll, some milliseconds. That is enough for standstill,
-    speed limits and friction, but not for transmission error.
+    A block is read in `POLLS` parts, and the positions are polled at the end of each part. In real
+    time a poll is as late as the computer was; the part that arrived fastest of the last ones
+    relates the computer's clock to the counter's. Their times are known to the duration of a poll,
+    some milliseconds. That is enough for standstill, speed limits and friction, but not for
+    transmission error.
 
     Parameters
     ----------
     window_s : float
         The counter's window: parts are whole windows.
+    in_real_time : bool
+        Whether the counter's time is that of the wall; simulated time stands during a poll.
     """
 
     counter: CounterCard
     source: AngleSource
     window_s: float
+    in_real_time: bool
+    _delays: deque[float] = field(default_factory=lambda: deque(maxlen=RECENT_PARTS))
+    _polled_s: float = -inf
 
     @property
     def shortest_read_s(self) -> float:
@@ -75,20 +89,34 @@ class CounterWithAngles:
         """Return the next block with the positions polled in the meantime."""
         parts: list[Block] = []
         polled: list[Mapping[Side, int]] = []
+        times: list[float] = []
         windows = max(POLLS, round(duration_s / self.window_s))
         borders = [windows * k // POLLS for k in range(POLLS + 1)]
         for first, last in pairwise(borders):
             parts.append(self.counter.read_block((last - first) * self.window_s))
+            asked_s = time.monotonic()
             polled.append(self.source.counts())
-        time_s = np.array([part.stop_s for part in parts])
+            times.append(self._time_s(parts[-1].stop_s, asked_s, time.monotonic()))
         angles = {
             angle_channel(side): Record(
-                {"time_s": time_s, "angle_counts": np.array([c[side] for c in polled], np.int64)}
+                {
+                    "time_s": np.array(times),
+                    "angle_counts": np.array([c[side] for c in polled], np.int64),
+                }
             )
             for side in SIDES
         }
         block = Block.join(parts)
         return replace(block, records={**block.records, **angles})
+
+    def _time_s(self, part_s: float, asked_s: float, answered_s: float) -> float:
+        """Return the time of a poll after a part of a block, by the counter's clock."""
+        polled_s = part_s
+        if self.in_real_time:
+            self._delays.append(asked_s - part_s)
+            polled_s = 0.5 * (asked_s + answered_s) - min(self._delays)
+        self._polled_s = max(polled_s, self._polled_s + LEAST_DISTANCE_S)
+        return self._polled_s
 
     def close(self) -> None:
         """Release both."""
@@ -145,8 +173,3 @@ class DriveAngles:
 
     def close(self) -> None:
         """Do nothing: the caller closes the drives."""
-
-
-def with_angles(counter: CounterCard, source: AngleSource, window_s: float) -> CounterWithAngles:
-    """Return a counter card with angles from another source."""
-    return CounterWithAngles(counter, source, window_s)

@@ -24,7 +24,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.drivers.angles import DriveAngles, with_angles
+from torquebench.bench.drivers.angles import CounterWithAngles, DriveAngles
 from torquebench.bench.drivers.base import (
     Drive,
     DriveLimits,
@@ -137,7 +137,7 @@ def open_instruments(description: BenchDescription) -> DriverSet:
             window_s = description.counter.window_s
             by_drives = options.angles.get("protocol") == BY_DRIVES
             encoders = DriveAngles(drives) if by_drives else open_one("angles")
-            counter = with_angles(counter, encoders, window_s)
+            counter = CounterWithAngles(counter, encoders, window_s, not on_demand)
         return DriverSet(
             name="instruments",
             counter=counter,
