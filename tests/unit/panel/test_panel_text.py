@@ -20,6 +20,7 @@ HOMONYMS = {
     "name",  # of a person, of a thing
     "off",  # a switch of the page, a drive
     "on",
+    "serial",  # a kind of line, a number
 }
 """English texts that mean two things."""
 KEY = re.compile(r"""\b(?:text|said|Text\(language\))\(\s*f?["']([a-z_]+\.[^"']+)["']""")
