@@ -1,5 +1,6 @@
 """Tables of every format through the one reader, as a whole and in batches."""
 
+import json
 import re
 import sys
 import zipfile
@@ -102,6 +103,13 @@ def write_hdf5(path: Path, columns: Columns) -> None:
             file.create_dataset(f"bench/{name}", data=values).attrs["unit"] = unit
 
 
+def write_jsonl(path: Path, columns: Columns) -> None:
+    head = {"remarks": {"range_nm": "12"}, "units": {name: u for name, (u, _) in columns.items()}}
+    rows = zip(*(values for _, values in columns.values()), strict=True)
+    lines = [head, *(dict(zip(columns, row, strict=True)) for row in rows)]
+    path.write_text("\n".join(json.dumps(line) for line in lines), encoding="utf-8")
+
+
 WRITERS: dict[str, Callable[[Path, Columns], None]] = {
     "csv": write_csv,
     "parquet": write_parquet,
@@ -109,6 +117,7 @@ WRITERS: dict[str, Callable[[Path, Columns], None]] = {
     "tdms": write_tdms,
     "mf4": write_mdf4,
     "h5": write_hdf5,
+    "jsonl": write_jsonl,
 }
 
 
@@ -129,7 +138,7 @@ def test_units_come_from_headers_or_properties_and_channels_go_by_name(
         read_calibration(path, mapping=["reading=Drehmoment[Nm]"])
 
 
-@pytest.mark.parametrize("ending", ["parquet", "tdms", nightly("mf4"), "h5"])
+@pytest.mark.parametrize("ending", ["parquet", "tdms", nightly("mf4"), "h5", "jsonl"])
 def test_every_quantity_of_readings_is_a_column_in_its_unit(tmp_path: Path, ending: str) -> None:
     """A name such as acceleration_rad_s2 and its stated unit agree."""
     path, values = tmp_path / f"readings.{ending}", [1.0, 2.0, 3.0]
@@ -349,7 +358,7 @@ def test_a_missing_package_is_named_with_its_extra(
         read_table(tmp_path / f"a.{ending}")
 
 
-@pytest.mark.parametrize("ending", ["xlsx", "tdms", nightly("mf4"), "h5", "parquet"])
+@pytest.mark.parametrize("ending", ["xlsx", "tdms", nightly("mf4"), "h5", "parquet", "jsonl"])
 def test_what_is_no_such_file(tmp_path: Path, ending: str) -> None:
     path = tmp_path / f"a.{ending}"
     with pytest.raises(InputError, match=f"can't read .*a.{ending}: No such file"):
@@ -362,3 +371,32 @@ def test_what_is_no_such_file(tmp_path: Path, ending: str) -> None:
 def test_a_mark_in_the_name_of_a_csv_file_is_part_of_it(tmp_path: Path) -> None:
     (tmp_path / "bench #2.csv").write_text("reading_nm\n1\n")
     assert read_table(tmp_path / "bench #2.csv").numbers("reading_nm").tolist() == [1.0]
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet", "arrow", "jsonl"])
+def test_a_written_table_is_read_again_with_units_and_gaps(tmp_path: Path, ending: str) -> None:
+    source, copy = tmp_path / "readings.parquet", tmp_path / f"torque.{ending}"
+    write_parquet(source, {"reading_nm": ("N·m", [1.5, -2.0]), "Drehmoment": ("kN·m", [0.1, 0.2])})
+
+    def compensate(readings: Any) -> tuple[Any, ...]:
+        value = readings.reading_nm
+        return value, np.zeros(value.size), np.array([np.nan, 0.5])
+
+    compensate_file(source, copy, compensate)
+    table = read_table(copy)
+    assert table.numbers("torque_nm").tolist() == [1.5, -2.0]
+    assert any("Drehmoment" in name for name in table.names)
+    with pytest.raises(InputError, match="expanded_uncertainty_nm"):  # its first cell is missing
+        table.numbers("expanded_uncertainty_nm")
+
+
+def test_json_lines_of_other_programs_have_rows_only(tmp_path: Path) -> None:
+    path = tmp_path / "a.jsonl"
+    path.write_text('{"reading_nm": 1.5, "Prüfer": "Ana"}\n{"reading_nm": 2}\n', encoding="utf-8")
+    table = read_table(path)
+    assert table.numbers("reading_nm").tolist() == [1.5, 2.0]
+    assert table.texts("Prüfer") == ["Ana", ""]
+    for wrong in ('{"reading_nm": 1.5}\n{"reading_nm": "x', "[1.5]\n", '{"reading_nm": {"a": 1}}'):
+        path.write_text(wrong, encoding="utf-8")
+        with pytest.raises(InputError, match=r"a\.jsonl"):
+            read_table(path).numbers("reading_nm")
