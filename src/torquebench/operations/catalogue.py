@@ -77,6 +77,7 @@ _PACKAGED: Mapping[str, str] = {
     "records adjust": "equipment:ADJUST",
     "records compare": "history:COMPARE",
     "records drift": "history:DRIFT",
+    "records due": "due:DUE",
     "records compare-models": "models:COMPARE_MODELS",
     "records fit-model": "models:FIT_MODEL",
     "records use": "models:USE",
