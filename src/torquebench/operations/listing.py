@@ -462,6 +462,9 @@ def _show_calibration(registry: Registry, calibration_id: int) -> ShownRecord:
             "valid": f"{low:.6g} to {high:.6g} N·m",
             "due": "" if entry.due is None else entry.due.isoformat(),
             "points": str(entry.points),
+            "mean temperature": (
+                "" if entry.temperature_c is None else f"{entry.temperature_c:.1f} °C"
+            ),
             "profile": entry.profile_name,
             "profile SHA-256": entry.profile_sha256,
             "data": "simulated" if entry.simulated else "measured",

@@ -19,6 +19,7 @@ from torquebench.records import (
     RunFolder,
     RunSummary,
     UnavailableError,
+    check_records,
 )
 from torquebench.records.registry.database import database_failures, engine_of
 
@@ -108,6 +109,18 @@ def test_taken_and_unknown_runs_are_named(registry, tmp_path):
     folder = RunFolder.create(tmp_path / "runs", {}, kind="zero", run_id="run-2").seal()
     with pytest.raises(RecordError, match="run run-2 isn't registered"):
         registry.end_run(folder)
+
+
+def test_a_calibration_states_the_mean_temperature_of_its_points(registry):
+    for measured, mean in (([21.0, 22.0, 23.0], 22.0), ([-0.5, 0.0, 0.5], 0.0)):
+        points = replace(data(), temperature_c=np.array(measured), simulated=True)
+        registry.add_calibration(CalibrationEntry.of_points(points, performed=START))
+        assert registry.calibrations("T-1")[0].temperature_c == mean
+    registry.add_calibration(
+        CalibrationEntry.of_points(replace(data(), simulated=True), performed=START)
+    )
+    assert registry.calibrations("T-1")[0].temperature_c is None
+    assert check_records(registry, folders=False).intact
 
 
 def test_a_calibration_keeps_its_chain_and_its_run(registry):

@@ -73,6 +73,7 @@ def test_a_registry_of_0_2_0_is_upgraded_with_its_chain_unchanged(registry_of_0_
         assert calibration.valid_nm == (0.0, 10.0)
         assert calibration.summary["placement"].as_plain()["template"] == "{count} points"
         assert calibration.signature is None
+        assert calibration.temperature_c is None
         registry.add_equipment(Equipment("bench", "Bench 5"))
         assert check_records(registry, folders=False).intact
 
@@ -132,7 +133,7 @@ def test_opening_again_changes_nothing(registry, tmp_path, registry_url):
 def test_a_registry_of_a_newer_version_is_refused(registry, around, tmp_path, registry_url):
     with around.begin() as connection:
         connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
-    with pytest.raises(RecordError, match=r"has the schema 9999; allowed: 0004 or older"):
+    with pytest.raises(RecordError, match=r"has the schema 9999; allowed: 0005 or older"):
         Registry.open(tmp_path, registry_url)
 
 

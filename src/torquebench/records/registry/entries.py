@@ -530,6 +530,9 @@ class CalibrationEntry(Registered, kw_only=True):
         Lowest and highest torque that it is valid for, in N·m.
     due : datetime.date or None
         When the chain is to be calibrated again.
+    temperature_c : float or None
+        Mean temperature of the transducer over the points, in °C; None where it wasn't measured,
+        and before 0.3.0.
     files : mapping of str to str
         SHA-256 of its files, by name.
     signature : Signature or None
@@ -569,6 +572,7 @@ class CalibrationEntry(Registered, kw_only=True):
     files: Mapped[Files] = mapped_column(default_factory=dict)
     summary: Mapped[Json] = mapped_column(default_factory=dict)
     signature: Mapped[Signature | None] = _stated("entered", default=None)
+    temperature_c: Mapped[float | None] = _stated("mean temperature in °C", default=None)
     doubts: tuple[str, ...] = field(default=(), compare=False)
 
     @classmethod
@@ -587,6 +591,7 @@ class CalibrationEntry(Registered, kw_only=True):
         """
         from torquebench.calibration import span_errors  # not imported for lists of records
 
+        temperature_c = None if data.temperature_c is None else float(data.temperature_c.mean())
         low, high = min(data.standard_nm.min(), 0.0), max(data.standard_nm.max(), 0.0)
         summary = {**more.pop("summary", {}), "span_error_percent": span_errors(data)}
         return cls(
@@ -596,6 +601,7 @@ class CalibrationEntry(Registered, kw_only=True):
             range_nm=data.range_nm,
             valid_nm=TorqueRange(float(low), float(high)),
             points=len(data),
+            temperature_c=temperature_c,
             data_sha256=data.sha256(),
             simulated=data.simulated,
             summary=summary,
