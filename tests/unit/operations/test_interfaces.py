@@ -1,6 +1,7 @@
 """Every operation by command, API and job: the same result, and the same refusal."""
 
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -253,9 +254,13 @@ class TestOperations(OperationContract):
     @pytest.fixture(params=POSSIBLE)
     def possible_request(
         self, request: pytest.FixtureRequest, interfaces: Interfaces, tmp_path: Path
-    ) -> tuple[str, dict[str, Any]]:
+    ) -> Iterator[tuple[str, dict[str, Any]]]:
         values = POSSIBLE[request.param].items()
-        return request.param, {k: _placed(k, each, interfaces, tmp_path) for k, each in values}
+        yield request.param, {k: _placed(k, each, interfaces, tmp_path) for k, each in values}
+        if request.param == "records deactivate":  # tests of modules share these benches
+            used = POSSIBLE["records use"]
+            interfaces.over_http("records use", used)
+            interfaces.by_command("records use", used)
 
     @pytest.fixture(params=REFUSED)
     def refused_request(

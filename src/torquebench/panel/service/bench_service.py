@@ -102,6 +102,7 @@ class BenchService:
     ) -> None:
         self._closed = threading.Event()
         self._later = ThreadPoolExecutor(1, "torquebench-panel-log")
+        self._later.submit(int)  # so that an entry needs no new thread
         self._stoppers = ThreadPoolExecutor(2, "torquebench-stop", prefer_this_thread)
         self._stoppers.submit(int)  # so that the first stop needs no new thread
         self._unloading: threading.Thread | None = None
