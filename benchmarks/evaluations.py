@@ -25,6 +25,7 @@ from rich.table import Table
 from scipy.stats import binom
 from tests.support import recordings
 
+from benchmarks.reporting import AIMS
 from torquebench.errors import InputError
 from torquebench.reducers import (
     LoopSettings,
@@ -40,7 +41,7 @@ from torquebench.uncertainty import Budget
 from torquebench.units import ARCMIN, RAD_S_PER_RPM
 
 SEEDS = 40
-LEAST = 0.90
+LEAST = AIMS["evaluations"]["coverage"].low
 """Smallest coverage that meets the aim."""
 CHANCE = 0.01
 """Smallest probability with which a low coverage is still put down to chance."""

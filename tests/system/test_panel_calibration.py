@@ -148,7 +148,7 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ana.fill("Parameters", "epochs=40")
     ana.press("Fit it to the rising points alone")
     ana.press("Fit this model")
-    ana.wait(lambda: ana.text.count("network, gradient descent") == 2, "its errors")
+    ana.sees("network, gradient descent")
     ana.press("Additional torque")
     ana.sees("40 epochs; RMS of the residuals")
 

@@ -157,8 +157,8 @@ def _zeros_moved(data: CalibrationData, points: CalibrationData) -> bool:
         return False
     series = np.unique(data.series).size
     limit = fdtri(max(series - 1, 1), from_zeros.degrees_of_freedom, 1.0 - FALSE_MOVE)
-    ratio = as_read.standard_deviation_nm / max(from_zeros.standard_deviation_nm, 1e-300)
-    return bool(ratio**2 > limit)
+    as_read_nm, from_zeros_nm = (each.standard_deviation_nm for each in (as_read, from_zeros))
+    return bool(as_read_nm > limit**0.5 * from_zeros_nm)  # repeats may agree exactly
 
 
 def find_contradictions(

@@ -10,8 +10,8 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from benchmarks.contradictions import FAULTS, STRANGERS, chain_table, stranger, trial
 from tests.support.chains import FAMILIES
+from tests.support.contradicting_tables import FAULTS, STRANGERS, chain_table, stranger, trial
 from tests.support.draws import nightly
 
 from torquebench.calibration import (

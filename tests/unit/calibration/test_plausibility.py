@@ -16,6 +16,7 @@ from torquebench.calibration import (
     Profile,
     examine_table,
     find_contradictions,
+    infer_branch,
     load_profile,
 )
 from torquebench.tables import read_calibration
@@ -193,6 +194,15 @@ def test_an_untared_table_is_examined_from_its_own_zeros() -> None:
     assert find_contradictions(data) == ()
     inside = replace(data, reading_nm=reading + np.where(np.arange(63) >= 30, 0.5, 0.0))
     assert examine_table(inside).disagreements[0].first == 30
+
+
+def test_repeats_that_agree_exactly_from_their_own_zeros_are_examined() -> None:
+    """Invented and rounded tables have no scatter at all."""
+    standard = np.tile([0.0, 25.0, 50.0, 75.0, 100.0, 75.0, 50.0, 25.0, 0.0], 3)
+    series = np.repeat([1, 2, 3], 9)
+    reading = 0.999 * standard + np.repeat([0.0, 0.25, -0.5], 9)
+    table = CalibrationData(reading, standard, series, infer_branch(standard, series), 100.0)
+    assert examine_table(table).from_zeros
 
 
 def test_a_chain_that_changed_since_the_last_calibration_is_named() -> None:
