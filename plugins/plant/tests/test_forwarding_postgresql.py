@@ -377,6 +377,14 @@ def test_a_trigger_of_a_bench_never_acts_with_the_rights_of_the_administrator(
     assert names == {"version", "folders", "identity"}
 
 
+def test_a_plant_of_another_version_is_refused_with_what_to_do(plant: Plant) -> None:
+    """Its tables lack the fields that records have gained since."""
+    with plant.transaction() as connection:
+        connection.execute(text("UPDATE plant.settings SET content = '1' WHERE name = 'version'"))
+    with pytest.raises(RecordError, match=r"version 1.*one of version 2.*plant init"):
+        Plant.open(plant.url)
+
+
 def test_a_withdrawn_run_is_withdrawn_everywhere(plant: Plant, tmp_path: Path) -> None:
     """Withdraw runs in the plant or at a bench, also if two benches have the same run."""
     data = filled(tmp_path / "data")

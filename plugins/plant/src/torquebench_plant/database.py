@@ -220,7 +220,7 @@ class Plant(PlantDatabase):
                     else "no plant's registry",
                 ),
                 Message("one of version {plant_version}", PLANT_VERSION),
-                "torquebench plant init makes one in an existing database",
+                "torquebench plant init makes one in another database; benches send it everything",
             )
         return plant
 

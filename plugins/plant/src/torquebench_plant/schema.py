@@ -34,7 +34,7 @@ from torquebench.records.registry import Document, UtcDateTime, metadata
 from torquebench.records.registry import links as chain
 
 PLANT_SCHEMA = "plant"
-PLANT_VERSION = "1"
+PLANT_VERSION = "2"
 
 plant_metadata = MetaData(schema=PLANT_SCHEMA)
 _Moment = DateTime(timezone=True)
