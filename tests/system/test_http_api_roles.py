@@ -28,6 +28,23 @@ BODIES: dict[str, dict[str, Any]] = {
     "records_review": {"record": "calibration-999", **SIGNED},
     "records_fit_model": {"calibration": 999},
     "records_import": {"table": "none.csv", "resolution_nm": 0.1},
+    "records_amend": {"record": "calibration-999", "changes": {"notes": ""}, "reason": "none"},
+    "records_add_equipment": {"kind": "reducer", "serial": "none"},
+    "records_add_certificate": {
+        "kind": "transducer",
+        "serial": "none",
+        "number": "none",
+        "uncertainty_percent": 0.1,
+        "due": "2099-01-31",
+    },
+    "records_fit_part": {
+        "kind": "transducer",
+        "serial": "none",
+        "into_kind": "bench",
+        "into_serial": "none",
+        "role": "none",
+    },
+    "records_adjust": {"kind": "transducer", "serial": "none", "what": "none"},
     "records_use": {"model": 999},
     "records_deactivate": {"side": "output"},
     "records_discard": {"run_id": "none", "reason": "none"},
@@ -40,6 +57,7 @@ BODIES: dict[str, dict[str, Any]] = {
 }
 OPEN = {"set_up", "sign_in"}
 DISTURBING = {
+    "records_add_equipment",
     "stop", "sign_out", "reopen", "events", "zero", "standard_reducer", "start_queue",
 }  # fmt: skip
 """Let in, these would end the session or the bench of the others, or go on: tested elsewhere."""

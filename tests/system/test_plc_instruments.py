@@ -59,7 +59,7 @@ def test_a_drive_ramps_to_torque_and_speed_and_to_zero_by_itself(plc: Plc, drive
     fed(drive, lambda: drive.state().torque_nm == drive.state().speed_rad_s == 0.0)
     assert drive.state().torque_nm == drive.state().speed_rad_s == 0.0
     assert isinstance(drive, Positioned)
-    assert drive.position_counts() == 4711
+    assert drive.position_counts() < 4711  # it has turned counter-clockwise from there
     drive.disable()
     assert not drive.state().enabled
     assert not plc.program.motors["Input"].on

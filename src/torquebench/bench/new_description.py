@@ -11,7 +11,6 @@ from string import Template
 from typing import Any, Literal
 
 from torquebench.bench.roles import SIDES, Side
-from torquebench.bench.scanning import FoundInstrument
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -25,6 +24,31 @@ UNKNOWN_ROLE = ("modbus", "serial", "scpi")
 _NOMINAL_SIGNAL = {"V": 10.0, "mV/V": 2.0}
 _COLUMN = 39
 """Column of the comments."""
+
+
+@dataclass(frozen=True)
+class FoundInstrument:
+    """An instrument, or a port at which one may be.
+
+    Parameters
+    ----------
+    protocol : str
+        Protocol that its port or connection suggests.
+    address : str
+        Address for a bench description.
+    identity : str
+        What it says of itself; empty if it wasn't asked or didn't answer.
+    serial : str
+        Its serial number, if it states one.
+    node : int or None
+        Number on a CAN bus.
+    """
+
+    protocol: str
+    address: str
+    identity: str = ""
+    serial: str = ""
+    node: int | None = None
 
 
 @dataclass(frozen=True)

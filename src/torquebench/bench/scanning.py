@@ -10,11 +10,11 @@ import time
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any
 
 from torquebench.bench.drivers.links import WireError
 from torquebench.bench.drivers.plugins import require_library
+from torquebench.bench.new_description import FoundInstrument
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
@@ -35,31 +35,6 @@ CONNECT_S, ANSWER_S = 0.5, 1.0
 CAN_ANSWER_S = 0.3
 MOST_HOSTS = 1024
 _AT_ONCE = 64
-
-
-@dataclass(frozen=True)
-class FoundInstrument:
-    """An instrument, or a port at which one may be.
-
-    Parameters
-    ----------
-    protocol : str
-        Protocol that its port or connection suggests.
-    address : str
-        Address for a bench description.
-    identity : str
-        What it says of itself; empty if it wasn't asked or didn't answer.
-    serial : str
-        Its serial number, if it states one.
-    node : int or None
-        Number on a CAN bus.
-    """
-
-    protocol: str
-    address: str
-    identity: str = ""
-    serial: str = ""
-    node: int | None = None
 
 
 def scan(

@@ -7,8 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from torquebench.bench.new_description import SIGNALS, NewBench, SideValues, description_text
-from torquebench.bench.scanning import FoundInstrument, scan
+from torquebench.bench.new_description import (
+    SIGNALS,
+    FoundInstrument,
+    NewBench,
+    SideValues,
+    description_text,
+)
 from torquebench.message import Message
 from torquebench.operations.operation import WHOLE, Flag, Number, Operation, Request, field
 from torquebench.operations.place import Place
@@ -193,6 +198,7 @@ def _check(_place: Place, request: NewDescription) -> Iterable[str]:
 def _run(_place: Place, request: NewDescription, progress: Progress) -> WrittenDescription:
     from torquebench.atomic_write import atomic_write
     from torquebench.bench.description import parse_bench
+    from torquebench.bench.scanning import scan
 
     found = scan(request.hosts, request.can, progress) if request.scan else ()
     text = _described(request, found)

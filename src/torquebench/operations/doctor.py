@@ -7,7 +7,7 @@ import platform
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
@@ -121,7 +121,6 @@ class Diagnosis(Result):
 def run_doctor(place: Place, request: DoctorRequest, progress: Progress) -> Diagnosis:
     """Examine step by step; a problem in a step that others need ends it."""
     from torquebench.bench import default_bench, load_bench
-    from torquebench.bench.drivers.recording import recorded
 
     station, data = place.station, place.folder
 
@@ -145,7 +144,12 @@ def run_doctor(place: Place, request: DoctorRequest, progress: Progress) -> Diag
             steps["Drives"] = lambda: bench_checks.drives(description(), data)
     findings: list[Examined] = []
     remarks: list[str] = []
-    with recorded(request.record, _session(description()) if request.record else {}):
+    session: AbstractContextManager[object] = nullcontext()
+    if request.record is not None:
+        from torquebench.bench.drivers.recording import recorded
+
+        session = recorded(request.record, _session(description()))
+    with session:
         for step, examine in steps.items():
             progress.start(DOING[step], None)
             found = [Examined(**vars(each), step=step) for each in _guarded(examine)]

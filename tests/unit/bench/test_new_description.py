@@ -21,12 +21,13 @@ from torquebench.bench.drivers.plugins import find_plugin, protocols
 from torquebench.bench.new_description import (
     COUNTERS,
     SIGNALS,
+    FoundInstrument,
     NewBench,
     SideValues,
     description_text,
     protocols_of,
 )
-from torquebench.bench.scanning import FoundInstrument, addresses_of, scan
+from torquebench.bench.scanning import addresses_of, scan
 from torquebench.errors import BenchError, InputError
 
 PROJECT = Path(__file__).resolve().parents[3]

@@ -42,7 +42,7 @@ def test_no_other_file_is_read(store: FileStore, reference: str) -> None:
     for name, fields in _requests(reference):
         request = find_operation(name).request.model_validate(fields)
         with pytest.raises(NotFoundError, match="no file"):
-            store.checked(request)
+            store.checked(request, absolute=False)
 
 
 def _requests(path: str) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -57,7 +57,7 @@ def test_a_written_file_gets_a_place_of_its_own(store: FileStore) -> None:
     request = find_operation("export").request.model_validate(
         {"model": model, "out": "/etc/table.csv"}
     )
-    checked: Any = store.checked(request)
+    checked: Any = store.checked(request, absolute=False)
     assert checked.out.name == "table.csv"
     assert (store.folder / checked.out).parent.parent == store.folder
     assert (store.folder / checked.out).parent.is_dir()
