@@ -240,14 +240,16 @@ class _Symbols(AdvancedHandler):  # type: ignore[misc]
 class _AmsConnection(socketserver.StreamRequestHandler):
     """Answers the packets of all sections, which share one connection and may come together."""
 
+    server: "_Router"
+
     def handle(self) -> None:
         with contextlib.suppress(OSError):
             while len(head := self.rfile.read(6)) == 6:
                 packet = head + self.rfile.read(struct.unpack("<I", head[2:])[0])
                 request = AdsClientConnection.construct_request(packet)
-                if self.server.program.running:  # type: ignore[attr-defined]
-                    self.server.program.cycle()  # type: ignore[attr-defined]  # no stale position
-                response = self.server.handler.handle_request(request)  # type: ignore[attr-defined]
+                if self.server.program.running:
+                    self.server.program.cycle()  # no stale position
+                response = self.server.handler.handle_request(request)
                 self.wfile.write(AdsClientConnection.construct_response(response, request))
 
 

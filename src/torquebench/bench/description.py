@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from torquebench.bench.certificates.torque import ReferenceCertificate, read_certificate
-from torquebench.bench.roles import SIDES, Mounting, Side
+from torquebench.bench.roles import SIDES, Mounting, Side, Signal
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.signals import SignalScale
@@ -58,7 +58,7 @@ class TransducerDescription(_Section):
     model: Text = "unknown"
     manufacturer: Text = "unknown"
     nominal_torque_nm: Torque
-    signal: Literal["frequency", "Nm", "V", "mV/V"] = "frequency"
+    signal: Signal = "frequency"
     option_khz: Literal[60, 240] = 60
     sensitivity_cw_hz_per_nm: Sensitivity | None = None
     sensitivity_ccw_hz_per_nm: Sensitivity | None = None

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from string import Template
-from typing import Any, Literal
+from typing import Any
 
-from torquebench.bench.roles import SIDES, Side
+from torquebench.bench.roles import SIDES, Side, Signal
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["COUNTERS", "SIGNALS", "NewBench", "SideValues", "description_text", "protocols_of"]
+__all__ = ["COUNTERS", "NewBench", "SideValues", "description_text", "protocols_of"]
 
-SIGNALS = Literal["frequency", "Nm", "V", "mV/V"]
 COUNTERS = ("nidaqmx", "scpi", "opendaq")
 """Protocols that deliver frequencies; all others deliver values, and `nidaqmx` both."""
 UNKNOWN_ROLE = ("modbus", "serial", "scpi")
@@ -103,7 +103,7 @@ class NewBench:
     angles: str
     fixture: str
     temperature: str
-    signal: SIGNALS
+    signal: Signal
     sides: Mapping[Side, SideValues]
     ratio: float
     found: tuple[FoundInstrument, ...] = ()
@@ -197,7 +197,8 @@ def _line(text: str, comment: str = "") -> str:
 
 
 def _quoted(text: str) -> str:
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    """Return a TOML string, which is written as one of JSON."""
+    return json.dumps(text, ensure_ascii=False)
 
 
 def _heading(bench: NewBench) -> Iterator[str]:
@@ -223,7 +224,7 @@ def _heading(bench: NewBench) -> Iterator[str]:
     yield from ("block_s = 0.1", "")
 
 
-def _transducer(nominal_nm: float, signal: SIGNALS) -> Iterator[str]:
+def _transducer(nominal_nm: float, signal: Signal) -> Iterator[str]:
     yield f"nominal_torque_nm = {nominal_nm:g}"
     if signal == "frequency":
         yield _line("option_khz = 60", "60 ± 30 kHz; or 240")
@@ -307,17 +308,15 @@ def _instruments(bench: NewBench) -> Iterator[str]:
         for each in bench.found:
             node = "" if each.node is None else f", node {each.node}"
             serial = f", serial {each.serial}" if each.serial else ""
-            yield f"#     {each.protocol}: {each.address}{node} {each.identity}{serial}".rstrip()
+            words = f"{each.protocol}: {each.address}{node} {each.identity}{serial}"
+            printable = "".join(c if c.isprintable() else " " for c in words)
+            yield f"#     {printable.rstrip()}"  # a device may state any characters
 
 
 def _values(bench: NewBench, section: Mapping[str, Any], side: Side | None) -> dict[str, Any]:
-    channels = {
-        name: value
-        for name, value in section.get("channels", {}).items()
-        if "torque" in name
-        or bench.reference == "counter"
-        or "input_torque" not in section["channels"]
-    }
+    channels = dict(section.get("channels", {}))
+    if "input_torque" in channels and bench.reference != "counter":  # the modules' alone
+        channels = {name: value for name, value in channels.items() if "torque" in name}
     values: dict[str, Any] = {"channels": _inline(channels)}
     values["encoders"] = _inline(section.get("encoders", {}) if bench.angles == "counter" else {})
     if side is not None:

@@ -8,6 +8,8 @@ from typing import Literal
 Side = Literal["input", "output"]
 Mode = Literal["free", "driven", "locked"]
 Mounting = Literal["calibrator", "verification_standard", "reducer", "nothing"]
+Signal = Literal["frequency", "Nm", "V", "mV/V"]
+"""What a transducer or its amplifier delivers."""
 RailPosition = Literal["end", "away", "between"]
 """Position of the guide rail: at its end, away for mounting, or on its way."""
 

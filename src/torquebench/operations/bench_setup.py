@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from torquebench.bench.new_description import (
-    SIGNALS,
     FoundInstrument,
     NewBench,
     SideValues,
     description_text,
 )
+from torquebench.bench.roles import Signal
 from torquebench.message import Message
 from torquebench.operations.operation import WHOLE, Flag, Number, Operation, Request, field
 from torquebench.operations.place import Place
@@ -67,7 +67,7 @@ class NewDescription(Request):
         _instrument("What measures the torque of both modules.", "Torque of the modules"),
     ] = "nidaqmx"
     signal: Annotated[
-        SIGNALS, field("What the modules' transducers or their amplifier deliver.", title="Signal")
+        Signal, field("What the modules' transducers or their amplifier deliver.", title="Signal")
     ] = "frequency"
     drives: Annotated[
         Literal["canopen", "modbus", "ads", "s7", "moteus"],

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from dataclasses import field as data_field
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import StringConstraints
 
@@ -18,6 +18,7 @@ from torquebench.operations.place import Place
 from torquebench.operations.readings import DayOrTime
 from torquebench.operations.result import HIDDEN, Result
 from torquebench.progress import Progress
+from torquebench.records.equipment_kinds import EquipmentKind
 from torquebench.reports.page import Facts, Page, Section
 
 if TYPE_CHECKING:
@@ -25,16 +26,6 @@ if TYPE_CHECKING:
     from torquebench.records import Registry
 
 
-Kind: TypeAlias = Literal[
-    "transducer",
-    "calibrator",
-    "verification-standard",
-    "counter",
-    "drive",
-    "encoder",
-    "bench",
-    "reducer",
-]
 Stated = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
 Serial = Annotated[
     Stated,
@@ -58,7 +49,7 @@ class Entered(Result):
 class Equipment(Request):
     """Base of requests about one piece of equipment."""
 
-    kind: Annotated[Kind, field("What it is.", argument=True)]
+    kind: Annotated[EquipmentKind, field("What it is.", argument=True)]
     serial: Serial
 
     @property
@@ -73,7 +64,7 @@ def check_known(place: Place, request: Equipment) -> Sequence[str]:
     return ()
 
 
-def _known(registry: Registry, kind: Kind, serial: str) -> None:
+def _known(registry: Registry, kind: EquipmentKind, serial: str) -> None:
     if not registry.equipment(kind, serial):
         raise InputError(
             Message("{value} {serial!r} isn't entered", kind, serial),
@@ -248,7 +239,8 @@ class FitPartRequest(Equipment):
     """Enter that a part is fitted into a bench, in place of the previous part."""
 
     into_kind: Annotated[
-        Kind, field("Kind of the equipment that contains the part.", argument=True)
+        EquipmentKind,
+        field("Kind of the equipment that contains the part.", argument=True),
     ]
     into_serial: Annotated[
         str,

@@ -6,6 +6,9 @@ from .chain import (
 from .edges.archive import (
     EDGE_ARCHIVE as EDGE_ARCHIVE,
 )
+from .equipment_kinds import (
+    EquipmentKind as EquipmentKind,
+)
 from .registry.database import (
     REGISTRY_FILE as REGISTRY_FILE,
     REGISTRY_URL as REGISTRY_URL,
@@ -20,7 +23,6 @@ from .registry.entries import (
     CheckEntry as CheckEntry,
     Component as Component,
     Equipment as Equipment,
-    EquipmentKind as EquipmentKind,
     ModelEntry as ModelEntry,
     Report as Report,
     Review as Review,

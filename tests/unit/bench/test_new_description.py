@@ -5,8 +5,9 @@ import socket
 import threading
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import canopen
 import pytest
@@ -20,13 +21,13 @@ from torquebench.bench.drivers.instruments import open_role
 from torquebench.bench.drivers.plugins import find_plugin, protocols
 from torquebench.bench.new_description import (
     COUNTERS,
-    SIGNALS,
     FoundInstrument,
     NewBench,
     SideValues,
     description_text,
     protocols_of,
 )
+from torquebench.bench.roles import Signal
 from torquebench.bench.scanning import addresses_of, scan
 from torquebench.errors import BenchError, InputError
 
@@ -38,20 +39,22 @@ SIDES = {
 KEYS = {"drive": ("input_drive", "output_drive"), "modes": ("modes", "clamp")}
 
 
-def new_bench(**changed: object) -> NewBench:
-    values = {
-        "name": 'Bench "7"',
-        "counter": "hbm",
-        "drives": "canopen",
-        "reference": "counter",
-        "angles": "drives",
-        "fixture": "modbus",
-        "temperature": "modbus",
-        "signal": "Nm",
-        "sides": SIDES,
-        "ratio": 80.0,
-    }
-    return NewBench(**(values | changed))  # type: ignore[arg-type]
+BENCH = NewBench(
+    name='Bench "7"',
+    counter="hbm",
+    drives="canopen",
+    reference="counter",
+    angles="drives",
+    fixture="modbus",
+    temperature="modbus",
+    signal="Nm",
+    sides=SIDES,
+    ratio=80.0,
+)
+
+
+def new_bench(**changed: Any) -> NewBench:
+    return replace(BENCH, **changed)
 
 
 @settings(max_examples=60, deadline=None)
@@ -68,7 +71,7 @@ def test_every_choice_is_a_description_or_is_refused_with_what_serves(data: st.D
             ("temperature", "temperature", ()),
         )
     }
-    bench = new_bench(**chosen, signal=data.draw(st.sampled_from(get_args(SIGNALS))))
+    bench = new_bench(**chosen, signal=data.draw(st.sampled_from(get_args(Signal))))
     counter = bench.counter in COUNTERS
     refused = bench.angles == "counter" and bench.counter != "nidaqmx"
     refused |= bench.counter != "nidaqmx" and (bench.signal == "frequency") != counter
@@ -195,7 +198,7 @@ def test_found_instruments_take_the_place_of_the_examples() -> None:
         FoundInstrument("canopen", "pcan:PCAN_USBBUS1", "servo", "8801", node=3),
         FoundInstrument("canopen", "pcan:PCAN_USBBUS1", "servo", "8802", node=4),
         FoundInstrument("hbm", "10.0.0.5:55000", "HBM PMX", "4711"),
-        FoundInstrument("modbus", "10.0.0.6:502"),
+        FoundInstrument("modbus", "10.0.0.6:502", "a name\nwith two lines"),
     )
     text = description_text(new_bench(found=found))
     values = tomllib.loads(text)

@@ -60,6 +60,7 @@ from sqlalchemy.orm import (
 
 from torquebench.errors import RecordError
 from torquebench.message import Message
+from torquebench.records.equipment_kinds import EquipmentKind
 from torquebench.records.files import json_text, revived, sha256_of_file, with_messages
 from torquebench.records.signatures import Signature
 
@@ -103,16 +104,6 @@ Entry = TypeVar("Entry", bound="Registered")
 Sha256 = Annotated[str, 64]
 Json = Mapping[str, Any]
 Files = Mapping[str, str]
-EquipmentKind = Literal[
-    "transducer",
-    "calibrator",
-    "verification-standard",
-    "counter",
-    "drive",
-    "encoder",
-    "bench",
-    "reducer",
-]
 HIDDEN: Json = MappingProxyType({"exclude": True})
 """Metadata of a field that the panel's API doesn't return: numbers of rows, paths."""
 

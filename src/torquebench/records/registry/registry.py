@@ -13,6 +13,7 @@ from torquebench.errors import InputError, ModelMismatchError, RecordError
 from torquebench.message import Message
 from torquebench.records.accounts import Accounts, name_key
 from torquebench.records.chain import canonical
+from torquebench.records.equipment_kinds import EquipmentKind
 from torquebench.records.files import plain_json, sha256_of_file
 from torquebench.records.registry.entries import (
     Activation,
@@ -24,7 +25,6 @@ from torquebench.records.registry.entries import (
     Component,
     ComponentChange,
     Equipment,
-    EquipmentKind,
     Identity,
     ModelEntry,
     Report,

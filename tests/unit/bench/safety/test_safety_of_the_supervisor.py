@@ -112,7 +112,7 @@ class Deaf:
         return getattr(self.drive, name)
 
     def disable(self) -> None:
-        self.released.wait(20.0 * PATIENCE_S)  # longer than all that the test waits for
+        self.released.wait(PATIENCE_S)
         self.drive.disable()
 
 
