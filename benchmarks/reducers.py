@@ -43,7 +43,7 @@ from torquebench.campaign.fitting import ModelChoice
 from torquebench.campaign.reducers.results import ReducerTestOutcome
 from torquebench.campaign.reducers.settings import ReducerTestSettings
 from torquebench.campaign.reducers.tests import run_reducer_test
-from torquebench.campaign.registering import evaluate_and_register, registers_calibration
+from torquebench.campaign.registering import registers_calibration
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import TorquebenchError
 from torquebench.procedures.reducers.first_motion import BreakawaySettings
@@ -119,7 +119,7 @@ def calibrated(station: Station, side: Side, profile: Profile) -> None:
     """Calibrate a side as ``calibrate`` does, and activate the compensation."""
     registers = registers_calibration(MODELS, RECOMMENDED)
     measured = measure_calibration(station, side, profile, metadata=registers)
-    evaluate_and_register(CALIBRATION, station.registry, measured, profile)
+    CALIBRATION.evaluate_and_register(station.registry, measured)
     station.activate_compensation(side)
 
 

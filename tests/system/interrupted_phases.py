@@ -24,23 +24,16 @@ from tests.support.faults.judging import Outcome
 
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.calibration import Profile, load_profile
-from torquebench.calibration import verify as judge
-from torquebench.campaign import calibrating
+from torquebench.campaign import calibrating, registering
 from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
 from torquebench.campaign.checking import check_module
-from torquebench.campaign.finishing import finish_run
+from torquebench.campaign.finishing import finish_recorded_run
 from torquebench.campaign.fitting import ModelChoice
-from torquebench.campaign.registering import (
-    evaluate_and_register,
-    register_verification,
-    registered_patiently,
-    registers_calibration,
-)
+from torquebench.campaign.registering import registers_calibration
 from torquebench.campaign.resuming import read_interrupted, resume_calibration
-from torquebench.campaign.verifying import measure_verification
+from torquebench.campaign.verifying import verify_on_bench
 from torquebench.errors import TorquebenchError
 from torquebench.records import (
-    REGISTERS,
     REGISTRY_URL,
     Registry,
     RunFolder,
@@ -64,7 +57,7 @@ PHASES: dict[str, tuple[Any, str, int]] = {
     "sealed": (Registry, "end_run", 1),
     "zeros": (entering, "_zeroings", 1),
     "fit": (calibrating, "fit_models", 1),
-    "model file": (calibrating, "store_model", 1),
+    "model file": (registering, "save_model", 1),
     "register": (Registry, "add_calibration", 1),
     "register model": (Registry, "add_model", 1),
     "put into use": (Registry, "activate", 1),
@@ -119,21 +112,9 @@ def certified(data: Path, seed: int) -> None:
         registry, profile = station.registry, calibration()
         known = registers_calibration([ModelChoice(MODEL)], MODEL)
         measured = measure_calibration(station, "output", profile, metadata=known)
-        done = evaluate_and_register(CALIBRATION, registry, measured, profile)
-        models = done.registered.models
-        verified = measure_verification(
-            station,
-            "output",
-            load_profile("verification").with_options(groups=1, points=8),
-            seed,
-            metadata={REGISTERS: {"models": {MODEL: models[MODEL].model_id}}},
-        )
-        result = judge(verified.result.data, {MODEL: done.fitted[0].chain})
-        registered_patiently(
-            registry,
-            verified.record.run_id,
-            lambda: register_verification(registry, models, result, verified.record),
-        )
+        done = CALIBRATION.evaluate_and_register(registry, measured)
+        fresh = load_profile("verification").with_options(groups=1, points=8)
+        verify_on_bench(station, "output", fresh, done.registered.models, seed)
         check_module(station, "output", load_profile("check"), 0.5)
         certify(registry)
 
@@ -284,7 +265,7 @@ def _finished(data: Path, seed: int) -> tuple[str, list[str]]:
         found = [each.state.value for each in unfinished] or ["entered"] * bool(recovered)
         for run in unfinished:
             if run.state is not RunState.INTERRUPTED:
-                finish_run(registry, run)
+                finish_recorded_run(registry, run)
         interrupted = [run for run in unfinished if run.state is RunState.INTERRUPTED]
         known = registry.calibrations()
         begun = sum(run.kind == "calibrate-output" for run in registry.runs())
@@ -332,7 +313,7 @@ def _measured_on(data: Path, seed: int, goes_on: bool) -> None:
             measured = resume_calibration(station, before, metadata=known)
         else:
             measured = measure_calibration(station, "output", profile, metadata=known)
-        evaluate_and_register(CALIBRATION, registry, measured, profile)
+        CALIBRATION.evaluate_and_register(registry, measured)
 
 
 def _acknowledged(data: Path) -> dict[str, int]:

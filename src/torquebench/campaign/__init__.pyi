@@ -27,7 +27,7 @@ from .drifting import (
 from .finishing import (
     discard_run as discard_run,
     find_unfinished as find_unfinished,
-    finish_run as finish_run,
+    finish_recorded_run as finish_recorded_run,
 )
 from .fitting import (
     CHOSEN_ELSEWHERE as CHOSEN_ELSEWHERE,
@@ -65,7 +65,6 @@ from .reducers.tests import (
     run_reducer_test as run_reducer_test,
 )
 from .registering import (
-    evaluate_and_register as evaluate_and_register,
     read_measured as read_measured,
     registers_calibration as registers_calibration,
     run_data as run_data,
@@ -76,6 +75,7 @@ from .resuming import (
     resume_calibration as resume_calibration,
 )
 from .standard_reducer import (
+    FRICTION as FRICTION,
     StandardReducer as StandardReducer,
     check_standard_reducer as check_standard_reducer,
     certified_reducer as certified_reducer,

@@ -22,13 +22,17 @@ from torquebench.campaign.fitting import (
     model_in_use,
     not_compared,
 )
-from torquebench.campaign.measuring import Measured, RunKind, RunOptions
+from torquebench.campaign.measuring import (
+    Measured,
+    RunKind,
+    RunOptions,
+    registered_patiently,
+)
 from torquebench.campaign.registering import (
     FittedFile,
     RegisteredCalibration,
     register_calibration,
     registered_choices,
-    registered_patiently,
 )
 from torquebench.errors import TorquebenchError
 from torquebench.message import Message
@@ -47,7 +51,6 @@ class FittedCalibration:
     `active` is None if the calibration contradicts itself, or if a newer calibration exists.
     """
 
-    profile: Profile
     models: tuple[FittedModel, ...]
     active: str | None
 
@@ -63,7 +66,6 @@ class FinishedCalibration:
     """
 
     measured: Measured[StaircaseResult]
-    profile: Profile
     fitted: tuple[FittedModel, ...]
     registered: RegisteredCalibration
     active: str | None
@@ -119,7 +121,6 @@ def _model_in_use(station: Station, side: Side) -> tuple[ActiveChain | None, str
 def calibration_fit(
     registry: Registry,
     measured: Measured[StaircaseResult],
-    profile: Profile,
     choices: Sequence[ModelChoice],
     progress: Progress = NO_PROGRESS,
 ) -> partial[list[FittedModel]]:
@@ -133,7 +134,7 @@ def calibration_fit(
         data,
         choices,
         effects=recorded_effects(measured.record.metadata, data),
-        limits=profile.plausibility,
+        limits=measured.profile.plausibility,
         before=registered_patiently(
             registry, run_id, lambda: model_in_use(registry, data), progress
         ),
@@ -141,7 +142,7 @@ def calibration_fit(
 
 
 def _fit_as_begun(
-    registry: Registry, measured: Measured[StaircaseResult], profile: Profile, progress: Progress
+    registry: Registry, measured: Measured[StaircaseResult], progress: Progress
 ) -> FittedCalibration:
     """Fit the models that a run's record names; none is put into use after a newer calibration."""
     data, folder = measured.result.data, RunFolder(measured.record.folder)
@@ -149,9 +150,9 @@ def _fit_as_begun(
     newest = registry.calibrations(data.transducer_serial, limit=1)
     if newest and newest[0].performed > datetime.fromisoformat(folder.manifest["sealed"]):
         active = None
-    fit = calibration_fit(registry, measured, profile, choices, progress)
+    fit = calibration_fit(registry, measured, choices, progress)
     title = Message("Fitting the {side} module", data.side)
-    return FittedCalibration(profile, tuple(fit(progress=progress, title=title)), active)
+    return FittedCalibration(tuple(fit(progress=progress, title=title)), active)
 
 
 def _register(
@@ -174,7 +175,7 @@ def _register(
     ]
     folder = RunFolder(measured.record.folder)
     registered = register_calibration(registry, folder, files, active)
-    return FinishedCalibration(measured, fitted.profile, fitted.models, registered, active)
+    return FinishedCalibration(measured, fitted.models, registered, active)
 
 
 def _describe(done: FinishedCalibration) -> Message:

@@ -13,7 +13,6 @@ from torquebench.bench.roles import Side
 from torquebench.calibration import CalibrationData, Profile
 from torquebench.campaign.bench_chains import check_standard, used_chain
 from torquebench.campaign.measuring import Measured, RunKind, RunOptions
-from torquebench.campaign.registering import evaluate_and_register
 from torquebench.chain import (
     Component,
     MeasuringChain,
@@ -189,11 +188,11 @@ def check_module(
     steps = profile.staircase(description.module(side).range_nm)
     measured = CHECK.measure(station, side, profile, steps, **options)
     progress = options.get("progress", NO_PROGRESS)
-    return evaluate_and_register(CHECK, registry, measured, profile, progress)
+    return CHECK.evaluate_and_register(registry, measured, progress)
 
 
 def _evaluate(
-    registry: Registry, measured: Measured[StaircaseResult], _profile: Profile, _progress: Progress
+    registry: Registry, measured: Measured[StaircaseResult], _progress: Progress
 ) -> CheckResult:
     """Evaluate a check by the tolerance, the model and the standard in its run's record."""
     data, known = measured.result.data, measured.record.metadata

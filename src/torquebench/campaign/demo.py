@@ -22,16 +22,11 @@ from torquebench.campaign.calibrating import (
 )
 from torquebench.campaign.fitting import FittedModel, ModelChoice
 from torquebench.campaign.measuring import Measured
-from torquebench.campaign.modules import dense_sweep, evaluate_module
-from torquebench.campaign.registering import (
-    evaluate_and_register,
-    register_verification,
-    registered_patiently,
-    registers_calibration,
-)
+from torquebench.campaign.modules import dense_sweep, module_result
+from torquebench.campaign.registering import registers_calibration
 from torquebench.campaign.results import DemoResult, ModuleResult
 from torquebench.campaign.standard_reducer import FRICTION
-from torquebench.campaign.verifying import measure_verification
+from torquebench.campaign.verifying import VERIFICATION, measure_verification
 from torquebench.chain import Readings
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import RecordError
@@ -110,7 +105,8 @@ def run_demo(
     friction = None
     if settings.friction is not None:
         station.activate_compensation("input", fitted=modules[0].recommended.model)
-        friction = FRICTION.measure(station, "input", settings.friction, progress=progress)
+        measured = FRICTION.measure(station, "input", settings.friction, progress=progress)
+        friction = FRICTION.evaluate_and_register(station.registry, measured, progress)
     description = station.description
     return DemoResult(
         bench_name=description.name,
@@ -121,8 +117,8 @@ def run_demo(
         bench_seconds=station.clock.now() - bench_started,
         elapsed_seconds=time.perf_counter() - clock_started,
         modules=tuple(modules),
-        friction=None if friction is None else friction.result,
-        friction_run_id="" if friction is None else friction.record.run_id,
+        friction=None if friction is None else friction.sweep,
+        friction_run_id="" if friction is None else friction.run_id,
         software_version=__version__,
     )
 
@@ -144,15 +140,15 @@ def _modules(
     for side in SIDES:
         item = measure_calibration(station, side, profile, metadata=known, progress=progress)
         measured.append(item)
-        fitting = calibration_fit(registry, item, profile, choices, progress)
+        fitting = calibration_fit(registry, item, choices, progress)
         fits.append(begin(partial(_with_tables, fitting)))
     modules = []
     for side, item, fit in zip(SIDES, measured, fits, strict=True):
         progress.start(Message("Fitting the {side} module", side))
         fitted = fit()
         progress.finish()
-        models = FittedCalibration(profile, tuple(fitted), recommended)
-        calibrated = evaluate_and_register(CALIBRATION, registry, item, profile, progress, models)
+        models = FittedCalibration(tuple(fitted), recommended)
+        calibrated = CALIBRATION.evaluate_and_register(registry, item, progress, models)
         _require_plausible(calibrated.registered.models[recommended])
         modules.append(_verify(station, settings, side, calibrated, recommended, progress))
         if verified is not None:
@@ -192,7 +188,7 @@ def _verify(
 ) -> ModuleResult:
     """Verify one module on fresh points and enter the result."""
     models = calibrated.registered.models
-    verified = measure_verification(
+    measured = measure_verification(
         station,
         side,
         settings.verification,
@@ -200,20 +196,5 @@ def _verify(
         metadata={REGISTERS: {"models": {name: each.model_id for name, each in models.items()}}},
         progress=progress,
     )
-    run_ids = (calibrated.measured.record.run_id, verified.record.run_id)
-    module, result = evaluate_module(
-        calibrated.measured.result,
-        verified.result,
-        settings.calibration,
-        calibrated.fitted,
-        recommended,
-        dense=dense_sweep(station, side),
-        run_ids=run_ids,
-    )
-    registered_patiently(
-        station.registry,
-        run_ids[1],
-        lambda: register_verification(station.registry, models, result, verified.record),
-        progress,
-    )
-    return module
+    verified = VERIFICATION.evaluate_and_register(station.registry, measured, progress)
+    return module_result(calibrated, verified, recommended, dense_sweep(station, side))

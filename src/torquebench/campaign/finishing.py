@@ -1,8 +1,4 @@
-"""Finish a run that was interrupted after its measurement: evaluate and register it.
-
-The kind of the run defines how; `evaluate_and_register` does the same right after a run. Nothing is
-measured again.
-"""
+"""Finish a recorded run: look up its kind, and evaluate and register it without measuring again."""
 
 from __future__ import annotations
 
@@ -12,7 +8,7 @@ from typing import Any
 from torquebench.campaign.calibrating import CALIBRATION, FinishedCalibration
 from torquebench.campaign.checking import CHECK
 from torquebench.campaign.measuring import RunKind
-from torquebench.campaign.registering import evaluate_and_register, read_measured
+from torquebench.campaign.registering import read_measured
 from torquebench.campaign.verifying import VERIFICATION
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -70,10 +66,10 @@ def find_unfinished(registry: Registry, name: str) -> UnfinishedRun:
     return found[0]
 
 
-def finish_run(
+def finish_recorded_run(
     registry: Registry, run: UnfinishedRun, progress: Progress = NO_PROGRESS
 ) -> Finished:
-    """Complete a run as far as possible without the bench.
+    """Complete an unfinished run from its folder, by the evaluation and entry of its kind.
 
     Parameters
     ----------
@@ -108,9 +104,7 @@ def finish_run(
         )
     folder.verify()
     kind = REGISTERED[str(folder.metadata["kind"]).partition("-")[0]]
-    measured, profile = read_measured(folder)
-    outcome = evaluate_and_register(kind, registry, measured, profile, progress)
-    assert kind.describe is not None
+    outcome = kind.evaluate_and_register(registry, read_measured(folder), progress)
     calibration = outcome if isinstance(outcome, FinishedCalibration) else None
     return Finished(run.run_id, kind.describe(outcome), calibration)
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Any, Generic, Literal, TypedDict, TypeVar, Unpack
 
 from torquebench.bench.mounting_record import MountingRecord
 from torquebench.bench.roles import Mounting, Side
 from torquebench.calibration import Profile
-from torquebench.errors import BenchError
+from torquebench.errors import BenchError, InputError, RecordError
 from torquebench.message import Message
 from torquebench.procedures import FrictionSettings, Plan, rehearse
 from torquebench.procedures.standard_check import check_zero
@@ -25,6 +26,7 @@ Evaluated = TypeVar("Evaluated")
 Outcome = TypeVar("Outcome")
 REST_S = 1.0
 """Interval over which an unloaded standard is read, s; a read-out states its clock in it."""
+RunProfile = Profile | TurningProfile | FrictionSettings
 OnPause = Callable[[Station], Literal["resume", "abort"]]
 
 
@@ -75,10 +77,11 @@ class RunAbortedError(BenchError):
 
 @dataclass(frozen=True)
 class Measured(Generic[Result]):
-    """Measured data of a procedure, and the record of its run."""
+    """Measured data of a procedure, the record of its run, and the profile of a `RunKind`."""
 
     result: Result
     record: RunRecord
+    profile: Any = None
 
 
 def standard_at_rest(station: Station, side: Side, mounting: Mounting) -> float | None:
@@ -108,26 +111,26 @@ def standard_at_rest(station: Station, side: Side, mounting: Mounting) -> float 
 
 @dataclass(frozen=True)
 class RunKind(Generic[Result, Evaluated, Outcome]):
-    """A kind of run: its plan, and how its result is evaluated and registered, at once or later.
+    """A kind of run: its plan, and how its result is evaluated, registered and described.
 
-    `plan` takes devices, side, profile and the arguments of `measure`. `evaluate` uses the run's
-    record and the registry only. `register` is one transaction, which can be repeated without
-    duplicates; without it only the run itself is registered. `describe` returns a sentence about
-    the registered result.
+    `plan` takes devices, side, profile and the arguments of `measure`. `evaluate` uses the measured
+    data, the run's record and the registry only. `register` is one transaction, which can be
+    repeated without duplicates; it is `run_only` where the registry keeps no more than the run.
+    `describe` returns a sentence about the result.
     """
 
     kind: str
     title: Callable[[Side], str]
     plan: Callable[..., Plan[Result]]
-    evaluate: Callable[[Registry, Measured[Result], Profile, Progress], Evaluated] | None = None
-    register: Callable[[Registry, Measured[Result], Evaluated], Outcome] | None = None
-    describe: Callable[[Outcome], Message] | None = None
+    evaluate: Callable[[Registry, Measured[Result], Progress], Evaluated]
+    register: Callable[[Registry, Measured[Result], Evaluated], Outcome]
+    describe: Callable[[Outcome], Message]
 
     def measure(
         self,
         station: Station,
         side: Side,
-        profile: Profile | TurningProfile | FrictionSettings,
+        profile: RunProfile,
         *arguments: Any,
         settings: Mapping[str, Any] = MappingProxyType({}),
         rehearsed: Callable[[], Plan[Any]] | None = None,
@@ -135,7 +138,7 @@ class RunKind(Generic[Result, Evaluated, Outcome]):
     ) -> Measured[Result]:
         """Rehearse and run the plan; side and profile are stored in the record. See `measure`."""
         options["metadata"] = {**run_metadata(side, profile), **options.get("metadata", {})}
-        return measure(
+        measured = measure(
             station,
             lambda: self.plan(station.devices, side, profile, *arguments, **settings),
             rehearsed=rehearsed,
@@ -143,11 +146,76 @@ class RunKind(Generic[Result, Evaluated, Outcome]):
             title=self.title(side),
             **options,
         )
+        return Measured(measured.result, measured.record, profile)
+
+    def evaluate_and_register(
+        self,
+        registry: Registry,
+        measured: Measured[Result],
+        progress: Progress = NO_PROGRESS,
+        evaluated: Evaluated | None = None,
+    ) -> Outcome:
+        """Evaluate a measured run, if it isn't yet, and register it.
+
+        Raises
+        ------
+        RecordError
+            The registry or the disk fails; `finish_recorded_run` completes the run later.
+        """
+        run_id = measured.record.run_id
+        if evaluated is None:
+            evaluate = partial(self.evaluate, registry, measured, progress)
+            evaluated = registered_patiently(registry, run_id, evaluate, progress)
+        register = partial(self.register, registry, measured, evaluated)
+        return registered_patiently(registry, run_id, register, progress)
 
 
-def run_metadata(
-    side: Side, profile: Profile | TurningProfile | FrictionSettings
-) -> dict[str, str]:
+def run_only(_registry: Registry, _measured: Measured[Any], evaluated: Evaluated) -> Evaluated:
+    """Return the evaluation of a run of which the station enters the run and nothing more."""
+    return evaluated
+
+
+def registered_patiently(
+    registry: Registry,
+    run_id: str,
+    register: Callable[[], Result],
+    progress: Progress = NO_PROGRESS,
+) -> Result:
+    """Register the result of a run, with repeated attempts that progress reports.
+
+    Parameters
+    ----------
+    register : callable
+        One transaction, which can be repeated without duplicates.
+
+    Raises
+    ------
+    RecordError
+        The registry or the disk fails; the measured run can be finished later.
+    """
+
+    def report_retry(_error: str) -> None:
+        progress.start("The registry doesn't answer; trying again")
+
+    try:
+        return registry.patiently(register, told=report_retry)
+    except (RecordError, InputError, OSError) as error:
+        raise RecordError(
+            Message(
+                "run {run} is measured and sealed, but its result isn't registered: {reason}",
+                run_id,
+                getattr(error, "found", error),
+            ),
+            "a writable registry and disk",
+            Message(
+                "correct this, then run `torquebench records finish {run}`: nothing is "
+                "measured again",
+                run_id,
+            ),
+        ) from error
+
+
+def run_metadata(side: Side, profile: RunProfile) -> dict[str, str]:
     """Return a run's fields in the registry, beside those of its start document."""
     if isinstance(profile, FrictionSettings):
         return {"side": side}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,18 +10,13 @@ from torquebench.bench.roles import Side
 from torquebench.calibration import (
     RAW,
     ErrorSummary,
-    Profile,
-    VerificationResult,
     summarise_errors,
-    verify,
 )
-from torquebench.campaign.fitting import (
-    FittedModel,
-    model_title,
-)
+from torquebench.campaign.calibrating import FinishedCalibration
+from torquebench.campaign.fitting import model_title
 from torquebench.campaign.results import CompensationResult, DenseSweep, ModuleResult
+from torquebench.campaign.verifying import VerifiedModels
 from torquebench.chain import MeasuringChain, Readings
-from torquebench.procedures import StaircaseResult
 from torquebench.station import Station
 
 DENSE_POINTS_PER_BRANCH = 1001
@@ -44,33 +38,31 @@ def dense_sweep(station: Station, side: Side) -> DenseSweep | None:
     return DenseSweep(path, reading_nm, branch)
 
 
-def evaluate_module(
-    calibrated: StaircaseResult,
-    verified: StaircaseResult,
-    profile: Profile,
-    fitted: Sequence[FittedModel],
+def module_result(
+    calibrated: FinishedCalibration,
+    verified: VerifiedModels,
     recommended: str,
-    *,
-    dense: DenseSweep | None = None,
-    run_ids: tuple[str, ...] = (),
-) -> tuple[ModuleResult, VerificationResult]:
+    dense: DenseSweep | None,
+) -> ModuleResult:
     """Collect the errors of every model in the verification and in the dense sweep.
 
     Parameters
     ----------
-    profile : Profile
-        Of the calibration.
     recommended : str
         Name of the model in use.
-    run_ids : tuple of str
-        Runs that hold the raw data.
     """
-    data = verified.data
-    torques = {item.name: item.chain.torque(data.readings()) for item in fitted}
-    result = verify(data, {item.name: item.chain for item in fitted}, torques)
+    data, profile = verified.measured.result.data, calibrated.measured.profile
+    chains = [verified.chains[fitted.name] for fitted in calibrated.fitted]
     rows = [
-        (each.name, each.title, each.model, each.seconds, torques[each.name].value_nm, each.chain)
-        for each in fitted
+        (
+            fitted.name,
+            fitted.title,
+            fitted.model,
+            fitted.seconds,
+            chain.torque(data.readings()).value_nm,
+            chain,
+        )
+        for fitted, chain in zip(calibrated.fitted, chains, strict=True)
     ]
     raw, *models = (
         CompensationResult(
@@ -80,7 +72,7 @@ def evaluate_module(
             model=model,
             fit_seconds=seconds,
             torque_nm=torque_nm,
-            verification=result.of(name),
+            verification=verified.result.of(name),
             **_errors_of_sweep(chain, dense, data.range_nm),
         )
         for name, title, model, seconds, torque_nm, chain in (
@@ -88,22 +80,20 @@ def evaluate_module(
             *rows,
         )
     )
-    calibration = calibrated.data
-    module = ModuleResult(
+    return ModuleResult(
         side=data.side,
         range_nm=data.range_nm,
         transducer_serial=data.transducer_serial,
         counter_identity=data.counter_identity,
         profile_name=profile.name,
         profile_hash=profile.sha256,
-        calibration=calibration,
+        calibration=calibrated.measured.result.data,
         verification=data,
         raw=raw,
         models=tuple(sorted(models, key=lambda model: not model.recommended)),
         dense=dense,
-        run_ids=run_ids,
+        run_ids=(calibrated.measured.record.run_id, verified.measured.record.run_id),
     )
-    return module, result
 
 
 def _errors_of_sweep(

@@ -6,31 +6,27 @@ days later, from an external table, or in a rebuilt registry.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import datetime
-from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from torquebench.atomic_write import private_folder
 from torquebench.calibration import (
-    RAW,
     AdaptiveRound,
     CalibrationData,
     Contradiction,
     Placement,
     Profile,
-    VerificationResult,
     propose_due_date,
 )
 from torquebench.campaign.fitting import ModelChoice
-from torquebench.campaign.measuring import Measured, RunKind
+from torquebench.campaign.measuring import Measured
 from torquebench.compensation import RECOMMENDED, StoredModel, save_model
-from torquebench.errors import InputError, RecordError
+from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.procedures import StaircaseResult
-from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import (
     MANIFEST,
     REGISTERS,
@@ -47,20 +43,13 @@ __all__ = [
     "FittedFile",
     "RegisteredCalibration",
     "calibration_entry",
-    "evaluate_and_register",
     "read_measured",
     "register_calibration",
-    "register_verification",
     "registered_choices",
-    "registered_patiently",
     "registers_calibration",
     "run_data",
     "run_profile",
 ]
-
-Result = TypeVar("Result")
-Evaluated = TypeVar("Evaluated")
-Outcome = TypeVar("Outcome")
 
 
 @dataclass(frozen=True)
@@ -224,31 +213,6 @@ def _summary(metadata: Mapping[str, Any], results: Mapping[str, Any]) -> dict[st
     return summary
 
 
-def register_verification(
-    registry: Registry,
-    models: Mapping[str, ModelEntry],
-    result: VerificationResult,
-    record: RunRecord,
-) -> None:
-    """Register the results of a verification for each model and for the raw reading.
-
-    This is one transaction; existing entries of the run aren't changed.
-    """
-    with registry.writing():
-        enter_run(registry, RunFolder(record.folder))
-        for name, entry in models.items():
-            if any(each.run_id == record.run_id for each in registry.verifications(entry.model_id)):
-                continue
-            part = replace(result, models=(result.of(RAW), result.of(name)))
-            registry.add_verification(
-                entry.model_id,
-                part,
-                run_id=record.run_id,
-                performed=datetime.fromisoformat(RunFolder(record.folder).manifest["sealed"]),
-                measured_by=str(record.metadata.get("operator") or operator_name()),
-            )
-
-
 def run_data(folder: RunFolder) -> CalibrationData:
     """Return the points of a calibration run.
 
@@ -289,8 +253,8 @@ def run_profile(folder: RunFolder) -> Profile:
     return Profile.model_validate(start["profile"]["settings"])
 
 
-def read_measured(folder: RunFolder) -> tuple[Measured[StaircaseResult], Profile]:
-    """Return the measured data of a completed calibration, check or verification, and its profile.
+def read_measured(folder: RunFolder) -> Measured[StaircaseResult]:
+    """Return what a completed calibration, check or verification measured.
 
     Raises
     ------
@@ -314,76 +278,9 @@ def read_measured(folder: RunFolder) -> tuple[Measured[StaircaseResult], Profile
     record = RunRecord(
         folder.run_id, str(metadata["kind"]), folder.path, "success", result, metadata=metadata
     )
-    return Measured(result, record), run_profile(folder)
+    return Measured(result, record, run_profile(folder))
 
 
 def _placement(plain: Mapping[str, Any]) -> Placement:
     rounds = tuple(AdaptiveRound(**each) for each in plain["rounds"])
     return Placement(**{**plain, "rounds": rounds})
-
-
-def evaluate_and_register(
-    kind: RunKind[Result, Evaluated, Outcome],
-    registry: Registry,
-    measured: Measured[Result],
-    profile: Profile,
-    progress: Progress = NO_PROGRESS,
-    evaluated: Evaluated | None = None,
-) -> Outcome:
-    """Evaluate a measured run, if it isn't yet, and register it, right after the run or later.
-
-    Raises
-    ------
-    RecordError
-        The registry or the disk fails; the measured run can be finished later.
-    """
-    evaluate, register, run_id = kind.evaluate, kind.register, measured.record.run_id
-    assert evaluate is not None
-    assert register is not None
-    if evaluated is None:
-        evaluated = registered_patiently(
-            registry, run_id, partial(evaluate, registry, measured, profile, progress), progress
-        )
-    return registered_patiently(
-        registry, run_id, partial(register, registry, measured, evaluated), progress
-    )
-
-
-def registered_patiently(
-    registry: Registry,
-    run_id: str,
-    register: Callable[[], Result],
-    progress: Progress = NO_PROGRESS,
-) -> Result:
-    """Register the result of a run, with repeated attempts that progress reports.
-
-    Parameters
-    ----------
-    register : callable
-        One transaction, which can be repeated without duplicates.
-
-    Raises
-    ------
-    RecordError
-        The registry or the disk fails; the measured run can be finished later.
-    """
-
-    def told(_found: str) -> None:
-        progress.start("The registry doesn't answer; trying again")
-
-    try:
-        return registry.patiently(register, told=told)
-    except (RecordError, InputError, OSError) as error:
-        raise RecordError(
-            Message(
-                "run {run} is measured and sealed, but its result isn't registered: {reason}",
-                run_id,
-                getattr(error, "found", error),
-            ),
-            "a writable registry and disk",
-            Message(
-                "correct this, then run `torquebench records finish {run}`: nothing is "
-                "measured again",
-                run_id,
-            ),
-        ) from error

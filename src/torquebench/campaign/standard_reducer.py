@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from typing import Unpack
 
 from torquebench.bench.description import BenchDescription
-from torquebench.campaign.measuring import RunKind, RunOptions
+from torquebench.campaign.measuring import Measured, RunKind, RunOptions, run_only
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.procedures import FrictionSettings, FrictionSweep, friction_sweep
+from torquebench.progress import Progress
+from torquebench.records import Registry
 from torquebench.reducers import (
     CertifiedFriction,
     FrictionCheck,
@@ -18,12 +20,8 @@ from torquebench.reducers import (
 )
 from torquebench.station import Station
 
-FRICTION: RunKind[FrictionSweep, None, None] = RunKind(
-    "no-load-friction",
-    lambda _side: Message("No-load friction of the reducer"),
-    lambda devices, _side, settings: friction_sweep(devices, settings),
-)
-"""Sweep of a mounted reducer's input speed with the output free; only the run is registered."""
+STANDARD_REDUCER = "standard_reducer"
+"""Key of a run's metadata with the certificate and the tolerance of a standard reducer."""
 
 
 @dataclass(frozen=True)
@@ -51,23 +49,12 @@ class StandardReducer:
 
 
 @dataclass(frozen=True)
-class StandardReducerCheck:
-    """Comparison of certified and measured friction.
+class MeasuredFriction:
+    """A measured sweep; its comparison with the certificate, None for a reducer without one."""
 
-    Attributes
-    ----------
-    compensation : str
-        Compensation of the input module, in words.
-    sweep : FrictionSweep
-        The measured sweep.
-    """
-
-    reducer: StandardReducer
-    check: FrictionCheck
-    compensation: str
     sweep: FrictionSweep
+    check: FrictionCheck | None
     run_id: str
-    simulated: bool
 
 
 def certified_reducer(
@@ -155,9 +142,8 @@ def check_standard_reducer(
     settings: FrictionSettings,
     *,
     tolerance_percent: float = 0.1,
-    compensation: str,
     **options: Unpack[RunOptions],
-) -> StandardReducerCheck:
+) -> MeasuredFriction:
     """Sweep the mounted standard reducer and compare the readings with its certificate.
 
     Parameters
@@ -166,8 +152,6 @@ def check_standard_reducer(
         Of `StandardReducer.settings`.
     tolerance_percent : float
         Largest error and difference between repeats, % FS of the input module.
-    compensation : str
-        Compensation of the input module, in words.
     **options
         See `RunOptions`.
 
@@ -179,7 +163,7 @@ def check_standard_reducer(
         As every procedure.
     """
     known = {
-        "standard_reducer": {
+        STANDARD_REDUCER: {
             "name": reducer.name,
             "certificate": reducer.certificate,
             "tolerance_percent": tolerance_percent,
@@ -188,20 +172,46 @@ def check_standard_reducer(
     }
     options["metadata"] = {**known, **options.get("metadata", {})}
     measured = FRICTION.measure(station, "input", settings, **options)
-    found = measured.result
-    check = check_friction(
-        found.nominal_rpm,
-        found.torque_nm,
-        found.repeat,
-        reducer.friction,
-        station.description.input.range_nm,
-        tolerance_percent,
+    return FRICTION.evaluate_and_register(station.registry, measured)
+
+
+def _evaluate(
+    _registry: Registry, measured: Measured[FrictionSweep], _progress: Progress
+) -> MeasuredFriction:
+    """Compare a sweep with the certificate and by the tolerance in its run's record."""
+    sweep, record, check = measured.result, measured.record, None
+    standard = record.metadata.get(STANDARD_REDUCER)
+    if standard is not None:
+        check = check_friction(
+            sweep.nominal_rpm,
+            sweep.torque_nm,
+            sweep.repeat,
+            [CertifiedFriction.model_validate(point) for point in standard["certified_friction"]],
+            BenchDescription.model_validate(record.metadata["bench"]).input.range_nm,
+            standard["tolerance_percent"],
+        )
+    return MeasuredFriction(sweep, check, record.run_id)
+
+
+def _describe(friction: MeasuredFriction) -> Message:
+    check = friction.check
+    if check is None:
+        return Message("run {run_id} is a friction sweep without a certificate", friction.run_id)
+    return Message(
+        "Standard reducer: error {error:.3g} % FS, repeatability {spread:.3g} % FS, tolerance "
+        "{limit:g} % FS.",
+        check.error_percent,
+        check.repeatability_percent,
+        check.tolerance_percent,
     )
-    return StandardReducerCheck(
-        reducer,
-        check,
-        compensation,
-        found,
-        measured.record.run_id,
-        station.description.simulated,
-    )
+
+
+FRICTION = RunKind(
+    "no-load-friction",
+    lambda _side: Message("No-load friction of the reducer"),
+    lambda devices, _side, settings: friction_sweep(devices, settings),
+    _evaluate,
+    run_only,
+    _describe,
+)
+"""Sweep of a mounted reducer's input speed with the output free."""

@@ -15,7 +15,7 @@ from torquebench.atomic_write import atomic_write
 from torquebench.bench.roles import Side
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.bench_chains import referenced
-from torquebench.campaign.measuring import RunKind, RunOptions
+from torquebench.campaign.measuring import Measured, RunKind, RunOptions, run_only
 from torquebench.dynamics import MotorInertia
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -24,8 +24,11 @@ from torquebench.procedures.turning.calibrating import calibrate_turning
 from torquebench.procedures.turning.empty import EmptySummary, EmptyTable, SeriesTable, turn_empty
 from torquebench.procedures.turning.profile import TurningProfile
 from torquebench.procedures.turning.stepping import StepTable, step_torques
+from torquebench.progress import Progress
+from torquebench.records import Registry
 from torquebench.station import Station
 from torquebench.tables import read_calibration, read_table, write_calibration
+from torquebench.units import MINUTE
 
 COLUMNS = ("time_s", "reading_nm", "speed_rpm", "temperature_c")
 ANGLE = "angle_deg"
@@ -34,23 +37,6 @@ _RESUMED_AFTER_S = 60.0
 """Assumed time between the last row of an interrupted run and the next row, because the real time
 is unknown.
 """
-
-
-EMPTY_RUN = RunKind[EmptySummary, None, None](
-    "empty-run-{side}", lambda side: Message("Empty run of the {side} module", side), turn_empty
-)
-DYNAMICS = RunKind[StepTable, None, None](
-    "dynamics-{side}", lambda side: Message("Dynamics of the {side} module", side), step_torques
-)
-CALIBRATION, VERIFICATION = (
-    RunKind[CalibrationData, None, None](
-        f"turning-{kind}-{{side}}",
-        partial(Message, "Turning {kind} of the {side} module", kind),
-        calibrate_turning,
-    )
-    for kind in ("calibration", "verification")
-)
-"""Runs whose results are tables: only the runs themselves are registered."""
 
 
 @dataclass(frozen=True)
@@ -63,17 +49,61 @@ class BegunCalibration:
 
 @dataclass(frozen=True)
 class TurningRun:
-    """A finished run.
-
-    Parameters
-    ----------
-    rows : int
-        Number of rows in the table.
-    """
+    """A finished run and its table, which also has the rows of an interrupted run before it."""
 
     run_id: str
+    table: Path
     rows: int
     bench_seconds: float
+
+
+TABLE = "turning_table"
+"""Key of a run's metadata with the path of its table."""
+
+
+def _evaluate(_registry: Registry, measured: Measured[Any], _progress: Progress) -> TurningRun:
+    """Count the rows of the table that the run wrote."""
+    record, table = measured.record, Path(measured.record.metadata[TABLE])
+    return TurningRun(record.run_id, table, len(read_table(table)), record.bench_seconds)
+
+
+def describe_turning(run: TurningRun) -> Message:
+    """Return the number of rows, the duration and the table of a run in a sentence."""
+    return Message(
+        "{rows} rows in {minutes:.3g} min of bench time: {path}",
+        run.rows,
+        run.bench_seconds / MINUTE,
+        run.table,
+    )
+
+
+EMPTY_RUN = RunKind(
+    "empty-run-{side}",
+    lambda side: Message("Empty run of the {side} module", side),
+    turn_empty,
+    _evaluate,
+    run_only,
+    describe_turning,
+)
+DYNAMICS = RunKind(
+    "dynamics-{side}",
+    lambda side: Message("Dynamics of the {side} module", side),
+    step_torques,
+    _evaluate,
+    run_only,
+    describe_turning,
+)
+CALIBRATION, VERIFICATION = (
+    RunKind(
+        f"turning-{kind}-{{side}}",
+        partial(Message, "Turning {kind} of the {side} module", kind),
+        calibrate_turning,
+        _evaluate,
+        run_only,
+        describe_turning,
+    )
+    for kind in ("calibration", "verification")
+)
 
 
 def rehearse_turning(
@@ -123,57 +153,75 @@ def measure_turning(
     RunAbortedError
         Somebody ended the run; complete series are in the file.
     """
-    if profile.kind == "dynamics":
-        if isinstance(begun, EmptyTable | BegunCalibration):
-            raise InputError(
-                Message("profile {name}", profile.name), "the profile of the interrupted run"
+    options["metadata"] = {TABLE: str(target.absolute()), **options.get("metadata", {})}
+    if profile.kind == "dynamics" and (begun is None or isinstance(begun, StepTable)):
+        return _measure_steps(station, side, profile, target, begun or StepTable(), options)
+    if profile.kind == "empty" and (begun is None or isinstance(begun, EmptyTable)):
+        table = begun or EmptyTable(side)
+        return _measure_empty(station, side, profile, target, table, wait, options)
+    if profile.kind in ("calibration", "verification") and (
+        begun is None or isinstance(begun, BegunCalibration)
+    ):
+        return _measure_points(station, side, profile, target, begun, wait, options)
+    raise InputError(Message("profile {name}", profile.name), "the profile of the interrupted run")
+
+
+def _measure_points(
+    station: Station,
+    side: Side,
+    profile: TurningProfile,
+    target: Path,
+    begun: BegunCalibration | None,
+    wait: bool,
+    options: RunOptions,
+) -> TurningRun:
+    """Measure torques against a rotating reference, after the series of an interrupted run."""
+    done = 0 if begun is None else begun.series_done
+    shift_s = 0.0
+    if begun is not None and begun.points.time_s is not None:
+        last_s = float(begun.points.time_s[-1])
+        shift_s = last_s + _RESUMED_AFTER_S - station.clock.now()
+
+    def write(points: CalibrationData, series_done: int) -> None:
+        """Write the points so far, after those of an interrupted run."""
+        if begun is not None:
+            assert points.time_s is not None
+            later = replace(points, time_s=points.time_s + shift_s)
+            points = replace(
+                CalibrationData.concatenate([begun.points, later]),
+                series=np.concatenate([begun.points.series, points.series]),
             )
-        return _measure_steps(
-            station, side, profile, target, StepTable() if begun is None else begun, options
-        )
-    if profile.kind != "empty":
-        before = begun if isinstance(begun, BegunCalibration) else None
-        done = 0 if before is None else before.series_done
-        shift_s = 0.0
-        if before is not None and before.points.time_s is not None:
-            last_s = float(before.points.time_s[-1])
-            shift_s = last_s + _RESUMED_AFTER_S - station.clock.now()
+        remarks = _remarks(station, side, profile, series_done)
+        stated = referenced(points, {"bench": station.description})
+        write_calibration(target, stated, remarks)
 
-        def keep(points: CalibrationData, series_done: int) -> None:
-            """Store the points so far, after those of an interrupted run."""
-            if before is not None:
-                assert points.time_s is not None
-                later = replace(points, time_s=points.time_s + shift_s)
-                points = replace(
-                    CalibrationData.concatenate([before.points, later]),
-                    series=np.concatenate([before.points.series, points.series]),
-                )
-            remarks = _remarks(station, side, profile, series_done)
-            stated = referenced(points, {"bench": station.description})
-            write_calibration(target, stated, remarks)
+    def rest_of_run() -> Plan[CalibrationData]:
+        return calibrate_turning(station.devices, side, profile, wait=wait, series_done=done)
 
-        def rest_of_run() -> Plan[CalibrationData]:
-            return calibrate_turning(station.devices, side, profile, wait=wait, series_done=done)
+    kind = CALIBRATION if profile.kind == "calibration" else VERIFICATION
+    settings = {"wait": wait, "series_done": done, "on_series": write}
+    measured = kind.measure(
+        station, side, profile, settings=settings, rehearsed=rest_of_run, **options
+    )
+    return kind.evaluate_and_register(station.registry, measured)
 
-        kind = CALIBRATION if profile.kind == "calibration" else VERIFICATION
-        settings = {"wait": wait, "series_done": done, "on_series": keep}
-        points = kind.measure(
-            station, side, profile, settings=settings, rehearsed=rest_of_run, **options
-        )
-        record = points.record
-        rows = len(points.result) + (0 if before is None else len(before.points))
-        return TurningRun(record.run_id, rows, record.bench_seconds)
-    if isinstance(begun, BegunCalibration | StepTable):
-        raise InputError(
-            Message("profile {text}", profile.name), "the profile of the interrupted run"
-        )
-    table = EmptyTable(side) if begun is None else begun
+
+def _measure_empty(
+    station: Station,
+    side: Side,
+    profile: TurningProfile,
+    target: Path,
+    table: EmptyTable,
+    wait: bool,
+    options: RunOptions,
+) -> TurningRun:
+    """Turn the module with nothing mounted; the table is written after every complete series."""
 
     def write(done: EmptyTable) -> None:
         _write(target, done, station, profile)
 
     _follow_on(table, station)
-    found = EMPTY_RUN.measure(
+    measured = EMPTY_RUN.measure(
         station,
         side,
         profile,
@@ -182,7 +230,7 @@ def measure_turning(
         rehearsed=lambda: _without_table(station, side, profile),
         **options,
     )
-    return TurningRun(found.record.run_id, len(table.rows), found.record.bench_seconds)
+    return EMPTY_RUN.evaluate_and_register(station.registry, measured)
 
 
 def _follow_on(table: SeriesTable, station: Station) -> None:
@@ -219,7 +267,7 @@ def _measure_steps(
         ]
         _write_table(target, stated, StepTable.COLUMNS, rows)
 
-    found = DYNAMICS.measure(
+    measured = DYNAMICS.measure(
         station,
         side,
         profile,
@@ -228,7 +276,7 @@ def _measure_steps(
         rehearsed=lambda: _without_table(station, side, profile),
         **options,
     )
-    return TurningRun(found.record.run_id, len(table.rows), found.record.bench_seconds)
+    return DYNAMICS.evaluate_and_register(station.registry, measured)
 
 
 def _remarks(

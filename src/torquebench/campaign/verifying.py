@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import datetime
 from typing import Unpack
 
 import numpy as np
 
 from torquebench.bench.roles import Side
-from torquebench.calibration import Profile, VerificationResult
+from torquebench.calibration import RAW, Profile, VerificationResult
 from torquebench.calibration import verify as compare_with_models
 from torquebench.campaign.bench_chains import used_chain
 from torquebench.campaign.measuring import Measured, RunKind, RunOptions
-from torquebench.campaign.registering import evaluate_and_register, register_verification
 from torquebench.chain import MeasuringChain
 from torquebench.message import Message
 from torquebench.procedures import StaircaseResult, verify
 from torquebench.progress import NO_PROGRESS, Progress
-from torquebench.records import REGISTERS, ModelEntry, Registry
-from torquebench.station import Station
+from torquebench.records import REGISTERS, ModelEntry, Registry, RunFolder
+from torquebench.records.signatures import operator_name
+from torquebench.station import Station, enter_run
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,7 @@ def verify_on_bench(
     options["metadata"] = {**(options.get("metadata") or {}), REGISTERS: {"models": numbers}}
     measured = measure_verification(station, side, profile, seed, **options)
     progress = options.get("progress", NO_PROGRESS)
-    return evaluate_and_register(VERIFICATION, registry, measured, profile, progress)
+    return VERIFICATION.evaluate_and_register(registry, measured, progress)
 
 
 def measure_verification(
@@ -79,7 +80,7 @@ def measure_verification(
 
 
 def _evaluate(
-    registry: Registry, measured: Measured[StaircaseResult], _profile: Profile, _progress: Progress
+    registry: Registry, measured: Measured[StaircaseResult], _progress: Progress
 ) -> VerifiedModels:
     """Compare the points with the models that the run's record names."""
     data, known = measured.result.data, measured.record.metadata
@@ -92,7 +93,20 @@ def _evaluate(
 def _register(
     registry: Registry, measured: Measured[StaircaseResult], verified: VerifiedModels
 ) -> VerifiedModels:
-    register_verification(registry, verified.models, verified.result, measured.record)
+    """Enter the errors of each model and of the raw reading, unless the run has entries."""
+    record, folder = measured.record, RunFolder(measured.record.folder)
+    with registry.writing():
+        enter_run(registry, folder)
+        for name, entry in verified.models.items():
+            if any(each.run_id == record.run_id for each in registry.verifications(entry.model_id)):
+                continue
+            registry.add_verification(
+                entry.model_id,
+                replace(verified.result, models=tuple(map(verified.result.of, (RAW, name)))),
+                run_id=record.run_id,
+                performed=datetime.fromisoformat(folder.manifest["sealed"]),
+                measured_by=str(record.metadata.get("operator") or operator_name()),
+            )
     return verified
 
 

@@ -377,45 +377,38 @@ def _remarks(module: CalibratedModule) -> Sequence[str]:
 
 def calibrated_module(finished: campaign.FinishedCalibration) -> CalibratedModule:
     """Describe a calibration that was just registered."""
-    registered, record = finished.registered, finished.measured.record
+    registered = finished.registered
     numbers = {name: entry.model_id for name, entry in registered.models.items()}
     in_use = None if finished.active is None else numbers[finished.active]
     return described_module(
         registered.calibration,
-        finished.measured.result,
-        finished.profile,
+        finished.measured,
         [(numbers[item.name], item) for item in finished.fitted],
         in_use,
-        record.metadata,
     )
 
 
 def described_module(
     entry: records.CalibrationEntry,
-    measured: Any,
-    profile: calibration.Profile,
+    measured: campaign.Measured[procedures.StaircaseResult],
     fitted: Sequence[tuple[int, campaign.FittedModel]],
     in_use: int | None,
-    metadata: Mapping[str, Any],
 ) -> CalibratedModule:
     """Describe a registered calibration.
 
     Parameters
     ----------
     entry : CalibrationEntry
-    measured : StaircaseResult
-    profile : Profile
-        Profile of the run, including the options.
+    measured : campaign.Measured
+        Its run with the points and the profile, options included.
     fitted : sequence of (int, campaign.FittedModel)
         Registered models with their numbers.
     in_use : int or None
         Number of the model in use.
-    metadata : mapping
-        Metadata of the calibration's run.
     """
     from torquebench.bench.mounting_record import MountingRecord, mounting_facts
 
-    data = measured.data
+    data, profile = measured.result.data, measured.profile
     first_s = None if data.time_s is None else data.time_s[0]
     return CalibratedModule(
         side=data.side,
@@ -425,7 +418,7 @@ def described_module(
         transducer_serial=data.transducer_serial,
         counter_identity=data.counter_identity,
         simulated=data.simulated,
-        standard_serial=measured.standard_serial,
+        standard_serial=measured.result.standard_serial,
         profile=f"{profile.name} (SHA-256 {profile.sha256[:16]}…)",
         data_sha256=data.sha256(),
         points=CalibrationPoints(
@@ -440,9 +433,9 @@ def described_module(
         models=[_described_model(data, number, item, in_use) for number, item in fitted],
         noise=data.noise_floor(),
         loading_accuracy_percent=data.loading_accuracy_percent,
-        unsettled=measured.unsettled,
-        placement=measured.placement,
-        mounting=dict(mounting_facts(MountingRecord.of_run(metadata))),
+        unsettled=measured.result.unsettled,
+        placement=measured.result.placement,
+        mounting=dict(mounting_facts(MountingRecord.of_run(measured.record.metadata))),
     )
 
 
@@ -803,9 +796,7 @@ def run_calibration(
             **place.run_options(progress, request.mounting, known),
         )
         place.check()
-        finished = campaign.evaluate_and_register(
-            campaign.CALIBRATION, place.registry, measured, profile, progress
-        )
+        finished = campaign.CALIBRATION.evaluate_and_register(place.registry, measured, progress)
         modules.append(calibrated_module(finished))
     return CalibrationResult(**calibration_result(modules, ()))
 
@@ -850,7 +841,7 @@ def run_resumption(place: Place, request: ResumeRequest, progress: Progress) -> 
     run = campaign.find_interrupted(registry, request.run_id)
     if _measured_completely(registry, run):
         unfinished = campaign.find_unfinished(registry, run.run_id)
-        finished = campaign.finish_run(registry, unfinished, progress).calibration
+        finished = campaign.finish_recorded_run(registry, unfinished, progress).calibration
         assert finished is not None
         remark = Message("all points of {run} were measured already", run.run_id)
         return CalibrationResult(**calibration_result([calibrated_module(finished)], [remark]))
@@ -867,9 +858,7 @@ def run_resumption(place: Place, request: ResumeRequest, progress: Progress) -> 
         **place.run_options(progress, request.mounting, known),
     )
     place.check()
-    finished = campaign.evaluate_and_register(
-        campaign.CALIBRATION, registry, measured, interrupted.profile, progress
-    )
+    finished = campaign.CALIBRATION.evaluate_and_register(registry, measured, progress)
     module = calibrated_module(finished)
     remarks = [
         Message(
@@ -910,7 +899,9 @@ def run_finish(place: Place, request: FinishRequest, progress: Progress) -> Fini
     else:
         runs = (campaign.find_unfinished(registry, request.run_id),)
     finished = [
-        campaign.finish_run(registry, run, progress) for run in runs if run not in remaining
+        campaign.finish_recorded_run(registry, run, progress)
+        for run in runs
+        if run not in remaining
     ]
     modules = [
         calibrated_module(each.calibration) for each in finished if each.calibration is not None

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
-from torquebench import campaign, chain, compensation, records
+from torquebench import campaign, chain, compensation, procedures, records
 from torquebench.bench.roles import Side
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
@@ -94,7 +94,7 @@ class DeactivateRequest(Request):
 
 def calibration_points(
     registry: records.Registry, number: int
-) -> tuple[records.CalibrationEntry, Any]:
+) -> tuple[records.CalibrationEntry, campaign.Measured[procedures.StaircaseResult]]:
     """Return a bench's calibration, and the measured result from its folder.
 
     Raises
@@ -109,7 +109,7 @@ def calibration_points(
             "a calibration of this bench",
         )
     measured = campaign.read_measured(records.RunFolder(registry.run(entry.run_id).folder))
-    if measured[0].result.data.sha256() != entry.data_sha256:
+    if measured.result.data.sha256() != entry.data_sha256:
         raise RecordError(
             Message("the points of calibration {number} were changed", number), "as recorded"
         )
@@ -124,7 +124,7 @@ def stored_module(registry: records.Registry, number: int) -> CalibratedModule:
     RecordError
         As in `calibration_points`, or a model's file is missing or was changed.
     """
-    entry, (measured, profile) = calibration_points(registry, number)
+    entry, measured = calibration_points(registry, number)
     points = measured.result.data
     remarks = campaign.remarks_on(points)
     fitted: list[tuple[int, campaign.FittedModel]] = []
@@ -134,8 +134,7 @@ def stored_module(registry: records.Registry, number: int) -> CalibratedModule:
         fitted.append((model.model_id, _fitted(stored, model, (*remarks, *few))))
     active = registry.active_model(entry.transducer_serial, entry.counter_identity)
     in_use = None if active is None else active.model_id
-    data = measured.result
-    return described_module(entry, data, profile, fitted, in_use, measured.record.metadata)
+    return described_module(entry, measured, fitted, in_use)
 
 
 def _fitted(
@@ -242,7 +241,7 @@ def run_comparison(
     """Compare the models, on an open bench in a separate process that doesn't delay its threads."""
     import numpy as np
 
-    entry, (measured, _) = calibration_points(place.registry, request.calibration)
+    entry, measured = calibration_points(place.registry, request.calibration)
     data = measured.result.data
     progress.start("Comparing models", SHARES)
     comparison = place.compute(
@@ -284,7 +283,7 @@ def run_fit(place: Place, request: FitModelRequest, progress: Progress) -> Calib
 
     registry = place.registry
     choices = model_choices([request.model], request.parameters, rising_only=request.rising_only)
-    entry, (measured, profile) = calibration_points(registry, request.calibration)
+    entry, measured = calibration_points(registry, request.calibration)
     data, metadata = measured.result.data, measured.record.metadata
     (item,) = campaign.fit_models(
         data,
@@ -292,7 +291,7 @@ def run_fit(place: Place, request: FitModelRequest, progress: Progress) -> Calib
         progress,
         title="Fitting",
         effects=campaign.recorded_effects(metadata, data),
-        limits=None if metadata.get("kind") == TABLE else profile.plausibility,
+        limits=None if metadata.get("kind") == TABLE else measured.profile.plausibility,
         before=campaign.model_in_use(registry, data),
     )
     metrics = campaign.fit_metrics(item, data)
@@ -309,9 +308,7 @@ def run_fit(place: Place, request: FitModelRequest, progress: Progress) -> Calib
         metrics=metrics,
         contradictions=item.contradictions,
     )
-    module = described_module(
-        entry, measured.result, profile, [(model.model_id, item)], None, metadata
-    )
+    module = described_module(entry, measured, [(model.model_id, item)], None)
     return CalibrationResult(**calibration_result([module], ()))
 
 

@@ -570,29 +570,23 @@ def run_standard(
     if station.drivers.hold is not None:
         named = request.reducer
         station.drivers.hold(None if named is None else place.library.reducer(named), "")
-    record = campaign.check_standard_reducer(
+    friction = campaign.check_standard_reducer(
         station,
         mounted,
         mounted.settings(request.repeats, both_directions=request.both_directions),
         tolerance_percent=request.tolerance_percent_fs,
-        compensation=words["input"],
         **place.run_options(progress, request.mounting),
     )
-    check = record.check
+    check = friction.check
+    assert check is not None
     return StandardReducerResult(
-        headline=Message(
-            "Standard reducer: error {error:.3g} % FS, repeatability {spread:.3g} % "
-            "FS, tolerance {limit:g} % FS.",
-            check.error_percent,
-            check.repeatability_percent,
-            check.tolerance_percent,
-        ),
+        headline=campaign.FRICTION.describe(friction),
         verdict="pass" if check.kept else "fail",
-        simulated=record.simulated,
-        run_ids=(record.run_id,),
-        reducer=record.reducer.name,
-        certificate=record.reducer.certificate,
-        compensation=record.compensation,
+        simulated=station.description.simulated,
+        run_ids=(friction.run_id,),
+        reducer=mounted.name,
+        certificate=mounted.certificate,
+        compensation=words["input"],
         not_in_u=missing["input"],
         check=check,
     )

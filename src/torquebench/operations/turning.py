@@ -19,7 +19,7 @@ from torquebench.operations.place import Place
 from torquebench.operations.preview import Preview, plan_preview
 from torquebench.operations.result import Result
 from torquebench.progress import Progress
-from torquebench.units import MINUTE, TURN
+from torquebench.units import TURN
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -165,7 +165,7 @@ def _steps(description: BenchDescription, side: Side, profile: TurningProfile) -
 
 def run_turn(place: Place, request: TurnRequest, progress: Progress) -> TurnedModule:
     """Measure, and write the table after every complete series."""
-    from torquebench.campaign.turning_runs import measure_turning, read_begun
+    from torquebench.campaign.turning_runs import describe_turning, measure_turning, read_begun
 
     station, chosen, target = place.station, _profile(place, request), request.out
     begun = None
@@ -187,12 +187,7 @@ def run_turn(place: Place, request: TurnRequest, progress: Progress) -> TurnedMo
         **place.run_options(progress),
     )
     return TurnedModule(
-        headline=Message(
-            "{rows} rows in {minutes:.3g} min of bench time: {path}",
-            done.rows,
-            done.bench_seconds / MINUTE,
-            target,
-        ),
+        headline=describe_turning(done),
         simulated=station.description.simulated,
         run_ids=(done.run_id,),
         files=(str(target.absolute()),),

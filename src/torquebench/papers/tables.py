@@ -20,7 +20,7 @@ from torquebench.campaign.bench_chains import referenced
 from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
 from torquebench.campaign.fitting import ModelChoice
 from torquebench.campaign.measuring import Measured, RunOptions
-from torquebench.campaign.registering import evaluate_and_register, registers_calibration
+from torquebench.campaign.registering import registers_calibration
 from torquebench.campaign.standard_reducer import FRICTION, within_certificate
 from torquebench.campaign.verifying import measure_verification
 from torquebench.compensation import RECOMMENDED
@@ -236,13 +236,8 @@ def measure_tables(
         friction = _friction(station, settings.friction, certified, options)
     if compensated:
         for side, measured in calibrations.items():
-            evaluate_and_register(
-                CALIBRATION,
-                station.registry,
-                measured,
-                settings.calibration,
-                options.get("progress", NO_PROGRESS),
-            )
+            progress = options.get("progress", NO_PROGRESS)
+            CALIBRATION.evaluate_and_register(station.registry, measured, progress)
             station.activate_compensation(side)
     description = station.description
     name = description.name
@@ -358,13 +353,13 @@ def _friction(
 ) -> FrictionTable:
     speeds = [point.speed_rpm for point in certified]
     settings = within_certificate(settings, certified)
-    found = FRICTION.measure(station, "input", settings, **options).result
-    speed = np.abs(found.nominal_rpm)
+    sweep = FRICTION.measure(station, "input", settings, **options).result
+    speed = np.abs(sweep.nominal_rpm)
     return FrictionTable(
-        found.nominal_rpm,
-        found.torque_nm,
-        found.repeat,
-        found.branch.astype(np.int64),
+        sweep.nominal_rpm,
+        sweep.torque_nm,
+        sweep.repeat,
+        sweep.branch.astype(np.int64),
         np.interp(speed, speeds, [point.torque_nm for point in certified]),
         np.interp(speed, speeds, [point.expanded_uncertainty_nm for point in certified]),
     )

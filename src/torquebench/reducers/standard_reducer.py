@@ -1,5 +1,6 @@
 """End-to-end check of the bench with a standard reducer of certified friction."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,7 +87,7 @@ def check_friction(
     speed_rpm: ArrayLike,
     torque_nm: ArrayLike,
     repeat: ArrayLike,
-    certified: tuple[CertifiedFriction, ...],
+    certified: Sequence[CertifiedFriction],
     range_nm: float,
     tolerance_percent: float = 0.1,
 ) -> FrictionCheck:
@@ -98,7 +99,7 @@ def check_friction(
         Nominal input speed and torque with its sign; both directions have equal weights.
     repeat : array of int, shape (n,)
         Number of the repeat.
-    certified : tuple of CertifiedFriction
+    certified : sequence of CertifiedFriction
         Values of the certificate, interpolated linearly between its speeds.
     range_nm : float
         Full scale of the input module, N·m.

@@ -22,9 +22,9 @@ from tests.support.uploads import evaluated
 
 from torquebench.calibration import load_profile
 from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
-from torquebench.campaign.finishing import finish_run
+from torquebench.campaign.finishing import finish_recorded_run
 from torquebench.campaign.fitting import ModelChoice
-from torquebench.campaign.registering import evaluate_and_register, registers_calibration
+from torquebench.campaign.registering import registers_calibration
 from torquebench.errors import TorquebenchError
 from torquebench.panel.service.files import LARGEST_FILE
 from torquebench.progress import NoProgress
@@ -97,7 +97,7 @@ def _copy(name: str, *, sealed: bool) -> Act:
         if len(copies) != 1 or "copy of run" not in str(copies[0].found):
             return ""
         said = [
-            _refusal(lambda: finish_run(registry, copies[0])),
+            _refusal(lambda: finish_recorded_run(registry, copies[0])),
             _refusal(lambda: enter_run(registry, RunFolder(copy))),
         ]
         return "; ".join(said) if all(said) else ""
@@ -147,7 +147,7 @@ def attacked(name: str, seed: int, *, real: bool) -> Outcome:
                 measured = measure_calibration(
                     station, "output", PROFILE, metadata=known, progress=progress
                 )
-                evaluate_and_register(CALIBRATION, registry, measured, PROFILE)
+                CALIBRATION.evaluate_and_register(registry, measured)
                 return len(measured.result.data)
 
             def attack() -> None:

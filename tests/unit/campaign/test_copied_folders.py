@@ -8,7 +8,7 @@ import pytest
 from tests.system.command_line import run
 
 from torquebench.calibration import CalibrationData
-from torquebench.campaign.finishing import discard_run, find_unfinished, finish_run
+from torquebench.campaign.finishing import discard_run, find_unfinished, finish_recorded_run
 from torquebench.campaign.rebuilding import rebuild
 from torquebench.errors import InputError, RecordError
 from torquebench.records import CalibrationEntry, Registry, RunFolder, unfinished_runs
@@ -56,7 +56,7 @@ def test_a_copy_is_named_and_nothing_of_it_is_entered(data: Path, name: str, sea
         (found,) = unfinished_runs(registry)
         assert str(found.found) == f"folder {copy.name} is a copy of run {first.name}"
         for refused in (
-            lambda: finish_run(registry, found),
+            lambda: finish_recorded_run(registry, found),
             lambda: discard_run(registry, found, by="Kim", reason="a copy"),
             lambda: enter_run(registry, RunFolder(copy)),
         ):

@@ -13,7 +13,6 @@ from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
 from torquebench.campaign.fitting import ModelChoice, fit_models, fit_table
 from torquebench.campaign.registering import (
     RegisteredCalibration,
-    evaluate_and_register,
     registers_calibration,
 )
 from torquebench.compensation import load_model
@@ -53,7 +52,7 @@ def calibrate(
     measured = measure_calibration(
         station, side, PROFILE, metadata=known, progress=progress or NoProgress()
     )
-    done = evaluate_and_register(CALIBRATION, station.registry, measured, PROFILE)
+    done = CALIBRATION.evaluate_and_register(station.registry, measured)
     return measured.result.data, done.registered
 
 

@@ -12,7 +12,7 @@ from torquebench.calibration import load_profile
 from torquebench.campaign.bench_chains import bench_effects
 from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
 from torquebench.campaign.fitting import ModelChoice
-from torquebench.campaign.registering import evaluate_and_register, registers_calibration
+from torquebench.campaign.registering import registers_calibration
 from torquebench.chain import Reference, load_chain
 from torquebench.records import RunFolder
 from torquebench.reports.certificate.source import Source
@@ -28,7 +28,7 @@ def test_the_certificates_table_reaches_chain_record_and_certificate(tmp_path: P
         measured = measure_calibration(station, "input", profile, metadata=noted)
         stated = station.drivers.certificates["calibrator"]["input"].certified
         data = measured.result.data
-        done = evaluate_and_register(CALIBRATION, station.registry, measured, profile)
+        done = CALIBRATION.evaluate_and_register(station.registry, measured)
         (entry,) = station.registry.models(data.transducer_serial)
         chain = load_chain(entry.file)
         calibration = done.registered.calibration

@@ -16,7 +16,7 @@ from torquebench.calibration import CalibrationData, Plausibility, Profile, load
 from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
 from torquebench.campaign.fitting import ModelChoice, fit_models
 from torquebench.campaign.measuring import standard_at_rest
-from torquebench.campaign.registering import evaluate_and_register, registers_calibration
+from torquebench.campaign.registering import registers_calibration
 from torquebench.errors import BenchError, SignalFault
 from torquebench.operations.bench_checks import _standard
 from torquebench.procedures.standard_check import PairedTorque, check_pair
@@ -34,7 +34,7 @@ SIDE: Side = "output"
 
 def calibrate(station: Station, profile: Profile = PROFILE) -> None:
     measured = measure_calibration(station, SIDE, profile, metadata=KNOWN)
-    evaluate_and_register(CALIBRATION, station.registry, measured, profile)
+    CALIBRATION.evaluate_and_register(station.registry, measured)
 
 
 def points_of_last_run(station: Station) -> int:
@@ -105,7 +105,7 @@ def test_a_model_that_cannot_be_read_is_stated(tmp_path: Path) -> None:
         measured = measure_calibration(station, SIDE, BARE, metadata=KNOWN, progress=stages)
         assert re.fullmatch(words, stages.ends[0])
         assert [re.fullmatch(words, text) for text in measured.record.metadata["remarks"]]
-        done = evaluate_and_register(CALIBRATION, station.registry, measured, BARE)
+        done = CALIBRATION.evaluate_and_register(station.registry, measured)
     (fitted,) = done.fitted
     assert len([text for text in fitted.remarks if re.fullmatch(words, text)]) == 1
 

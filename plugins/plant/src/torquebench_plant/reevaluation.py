@@ -167,8 +167,8 @@ def _file(store: FolderStore, folder: SealedFolder, name: str) -> bytes:
     return content
 
 
-def _measured(store: FolderStore, folder: SealedFolder) -> tuple[Any, Any]:
-    """Return the measured data of a calibration, check or verification, and its profile."""
+def _measured(store: FolderStore, folder: SealedFolder) -> Any:
+    """Return the measured data of a calibration, check or verification, as a `Measured`."""
     from torquebench.campaign.registering import read_measured
     from torquebench.records import RunFolder
 
@@ -187,7 +187,7 @@ def _fitted(store: FolderStore, folder: SealedFolder, kind: str | None = None) -
     from torquebench.compensation import RECOMMENDED
     from torquebench.records import REGISTERS
 
-    measured, profile = _measured(store, folder)
+    measured = _measured(store, folder)
     data, metadata = measured.result.data, measured.record.metadata
     wanted = metadata.get(REGISTERS) or {"models": [{"name": RECOMMENDED}]}
     choices = [ModelChoice(**each) for each in wanted["models"]]
@@ -196,7 +196,7 @@ def _fitted(store: FolderStore, folder: SealedFolder, kind: str | None = None) -
     effects = recorded_effects(metadata, data)
     return [
         (data, each)
-        for each in fit_models(data, choices, effects=effects, limits=profile.plausibility)
+        for each in fit_models(data, choices, effects=effects, limits=measured.profile.plausibility)
     ]
 
 
@@ -218,7 +218,7 @@ def _calibrated(store: FolderStore, folder: SealedFolder) -> dict[str, float]:
 def _verified(store: FolderStore, task: RunTask) -> dict[str, float]:
     from torquebench.calibration import verify
 
-    measured, _ = _measured(store, task.folder)
+    measured = _measured(store, task.folder)
     chains = {
         name: _fitted(store, folder, kind)[0][1].chain
         for name, (kind, folder) in task.fitted_to.items()
