@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Callable
 
 from tests.peers.lines import LinePeer
 
@@ -83,21 +84,24 @@ class CounterPeer(_Peer):
 
 
 class ReadoutPeer(_Peer):
-    """An amplifier of two channels, a sample each 10 ms: `torque_nm`, and its opposite on 2."""
+    """An amplifier of two channels, a sample each 10 ms: `torque_nm`, and its opposite on 2.
+
+    `clock` returns its time, s: the wall's, unless a test gives another.
+    """
 
     plate = "peer works,amplifier of its own,SER-3,0.9"
     torque_nm = 12.5
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
         self._handed = {1: 0, 2: 0}
-        self._since = time.monotonic()
+        self._clock, self._since = clock, clock()
 
     def obey(self, line: str) -> str | None:
         if line not in ("FETC:ARR? (@1)", "FETC:ARR? (@2)"):
             return "?"
         channel = int(line[-2])
-        there = int((time.monotonic() - self._since) / 0.01)
+        there = int((self._clock() - self._since) / 0.01 + 1e-6)
         new, self._handed[channel] = there - self._handed[channel], there
         value = self.torque_nm if channel == 1 else -self.torque_nm
         return ",".join([f"{value:.4E}"] * new)
