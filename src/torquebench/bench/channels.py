@@ -98,6 +98,7 @@ class Channel:
 
     @zero.setter
     def zero(self, value: float) -> None:
+        """Use a measured zero; raise SignalFault if it is far from the nominal one."""
         scale = self._scale
         nominal, unit = scale.nominal_zero, scale.unit
         allowed = LARGEST_ZERO * scale.sensitivity_cw * scale.nominal_torque_nm

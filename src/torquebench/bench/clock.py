@@ -129,6 +129,7 @@ class BenchClock:
         future: asyncio.Future[None] = loop.create_future()
 
         def settle(error: BaseException | None) -> None:
+            """Complete the wait, or end it with an error."""
             if activity is not None:
                 activity.received()
             if future.done():

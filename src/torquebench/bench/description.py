@@ -214,6 +214,7 @@ class DriveDescription(_Section):
 
     @model_validator(mode="after")
     def _turns(self) -> Self:
+        """Refuse a gear ratio of about zero."""
         if abs(self.gear_ratio) < 1e-3:
             raise ConflictError(
                 "gear_ratio",
@@ -357,6 +358,7 @@ class CounterDescription(_Section):
 
     @model_validator(mode="after")
     def _whole_windows(self) -> Self:
+        """Refuse a block that doesn't consist of whole windows."""
         ratio = self.block_s / self.window_s
         if ratio < 1.0 or abs(ratio - round(ratio)) > 1e-9:
             raise ConflictError(
@@ -517,6 +519,7 @@ class ConditionsDescription(_Section):
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
+        """Refuse a lowest temperature that isn't below the highest."""
         if self.temperature_low_c >= self.temperature_high_c:
             raise ConflictError(
                 "temperature_low_c",
@@ -678,6 +681,7 @@ class BenchDescription(_Section):
         return self
 
     def _check_probe(self, key: str, probe: str | None) -> None:
+        """Refuse a temperature probe that the description doesn't list."""
         if probe is not None and probe not in self.temperatures:
             raise ConflictError(
                 key,

@@ -54,6 +54,7 @@ class _WatchedSelector(selectors.BaseSelector):
         self._activity = activity
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        """Wait for events, and mark the loop as waiting meanwhile."""
         if timeout is not None and timeout <= 0.0:
             return self._selector.select(timeout)
         self._activity.waits(True)

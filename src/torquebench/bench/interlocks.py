@@ -307,6 +307,7 @@ def _check_may_drive(state: BenchState, side: Side, what: str) -> None:
 
 
 def _check_clamped(state: BenchState, what: str) -> None:
+    """Refuse a request that needs the closed clamp."""
     if not state.clamped():
         raise InterlockError(
             Message("{value} requested with the clamp open", what),
@@ -316,6 +317,7 @@ def _check_clamped(state: BenchState, what: str) -> None:
 
 
 def _check_no_alarm(state: BenchState, purpose: str) -> None:
+    """Refuse a request while an alarm is latched."""
     alarm = state.alarm()
     if alarm is not None:
         raise InterlockError(

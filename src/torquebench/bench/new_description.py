@@ -162,6 +162,7 @@ def description_text(bench: NewBench) -> str:
 
 
 def _check(bench: NewBench) -> None:
+    """Refuse protocols that don't serve their role or deliver the chosen signal."""
     roles = {
         "counter": bench.counter,
         "drive": bench.drives,
@@ -202,6 +203,7 @@ def _quoted(text: str) -> str:
 
 
 def _heading(bench: NewBench) -> Iterator[str]:
+    """Yield the lines about the whole bench and its counter."""
     counter = _sections()[bench.counter]["counter"]
     found = bench.instrument(bench.counter)
     serial = found.serial if found and found.serial else counter["serial"]
@@ -225,6 +227,7 @@ def _heading(bench: NewBench) -> Iterator[str]:
 
 
 def _transducer(nominal_nm: float, signal: Signal) -> Iterator[str]:
+    """Yield a transducer's lines."""
     yield f"nominal_torque_nm = {nominal_nm:g}"
     if signal == "frequency":
         yield _line("option_khz = 60", "60 ± 30 kHz; or 240")
@@ -242,6 +245,7 @@ def _transducer(nominal_nm: float, signal: Signal) -> Iterator[str]:
 
 
 def _side(bench: NewBench, side: Side) -> Iterator[str]:
+    """Yield the lines of a side: transducer, drive, encoder, limits."""
     values = bench.sides[side]
     yield from (f"[{side}]", f"range_nm = {values.range_nm:g}")
     yield f'temperature_probe = "{side}_transducer"'
@@ -284,6 +288,7 @@ def _standards(bench: NewBench) -> Iterator[str]:
 
 
 def _instruments(bench: NewBench) -> Iterator[str]:
+    """Yield a section for each instrument, and as comments what a scan found."""
     roles: list[tuple[str, str, str, Side | None]] = [
         ("counter", bench.counter, "counter", None),
         ("reference", bench.reference, "reference", None),
@@ -314,6 +319,7 @@ def _instruments(bench: NewBench) -> Iterator[str]:
 
 
 def _values(bench: NewBench, section: Mapping[str, Any], side: Side | None) -> dict[str, Any]:
+    """Return the values that a section's template needs."""
     channels = dict(section.get("channels", {}))
     if "input_torque" in channels and bench.reference != "counter":  # the modules' alone
         channels = {name: value for name, value in channels.items() if "torque" in name}

@@ -109,6 +109,7 @@ def _library(module: str, extra: str) -> Any:
 
 
 def _serial_ports() -> Iterator[FoundInstrument]:
+    """Yield the serial ports to which something is connected."""
     ports = _library("serial.tools.list_ports", "serial")
     for port in ports.comports() if ports else ():
         if port.hwid == "n/a" and port.device.startswith("/dev/ttyS"):
@@ -118,6 +119,7 @@ def _serial_ports() -> Iterator[FoundInstrument]:
 
 
 def _visa_resources() -> Iterator[FoundInstrument]:
+    """Yield the instruments that VISA lists, with their answers to ``*IDN?``."""
     visa = _library("pyvisa", "visa")
     if visa is None:
         return
@@ -131,6 +133,7 @@ def _visa_resources() -> Iterator[FoundInstrument]:
 
 
 def _daqmx_devices() -> Iterator[FoundInstrument]:
+    """Yield the devices that the NI-DAQmx driver lists."""
     library = _library("nidaqmx", "nidaqmx")
     if library is None:
         return
@@ -204,6 +207,7 @@ def _identified(fields: str) -> tuple[str, str]:
 
 
 def _asked_by_scpi(address: str) -> tuple[str, str]:
+    """Return name and serial number by ``*IDN?``; empty texts if nothing answers."""
     from torquebench.bench.drivers.scpi.link import ScpiLink
 
     link = ScpiLink("scan", address, ANSWER_S, attempts=1)
@@ -213,6 +217,7 @@ def _asked_by_scpi(address: str) -> tuple[str, str]:
 
 
 def _asked_by_line(address: str) -> tuple[str, str]:
+    """Return name and serial number by ``*IDN?`` on a line; empty texts if nothing answers."""
     from torquebench.bench.drivers.lines import SocketLines
 
     with contextlib.suppress(WireError, OSError):
@@ -224,6 +229,7 @@ def _asked_by_line(address: str) -> tuple[str, str]:
 
 
 def _asked_by_opcua(address: str) -> tuple[str, str]:
+    """Return the names of the OPC UA servers at an address; empty texts if none answers."""
     library = _library("asyncua", "opcua")
     if library is None:
         return "", ""

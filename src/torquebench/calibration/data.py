@@ -165,6 +165,7 @@ class CalibrationData:
         return f"CalibrationData({', '.join(filter(None, words))})"
 
     def _repr_html_(self) -> str:
+        """Return a table of the points' range, series and largest error."""
         worst = float(np.max(np.abs(self.additional_torque_nm)))
         loops, percent = np.unique(self.series).size, 100.0 * worst / self.range_nm
         rows = [
@@ -704,6 +705,7 @@ def _column(name: str, value: ArrayLike, n: int) -> NDArray[Any]:
 
 
 def _whole_numbers(name: str, column: NDArray[np.float64]) -> NDArray[Any]:
+    """Return a column as integers; refuse other numbers."""
     whole = np.rint(column)
     bad = np.flatnonzero(whole != column)
     if bad.size:
@@ -715,6 +717,7 @@ def _whole_numbers(name: str, column: NDArray[np.float64]) -> NDArray[Any]:
 
 
 def _check_branch(branch: NDArray[np.int8]) -> None:
+    """Refuse branches other than +1, -1 and 0."""
     bad = np.flatnonzero(np.abs(branch) > 1)
     if bad.size:
         raise InputError(

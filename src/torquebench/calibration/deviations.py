@@ -262,6 +262,7 @@ def _deviation(
     found: str,
     allowed: str,
 ) -> Deviation:
+    """Return a deviation with the consequence that the profile states for its kind."""
     setting = "missing_series" if kind == "missing_step" else kind
     consequence: Consequence = getattr(profile.deviations, setting)
     return Deviation(kind, clause, found, allowed, consequence)

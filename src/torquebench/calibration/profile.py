@@ -495,6 +495,7 @@ class _Staircase:
         ]
 
     def _all_series(self, position: Position, signs: Sequence[int]) -> list[Step]:
+        """Return a position's steps in all of its series."""
         loading = self.profile.loading
         steps: list[Step] = []
         for shape in position.series * (loading.repeats * (loading.groups or 1)):

@@ -253,6 +253,7 @@ def _errors(data: CalibrationData) -> ErrorSummary:
 
 
 def _regressions(data: CalibrationData) -> dict[str, Regression]:
+    """Return straight lines through all points and through those of each direction."""
     direction = data.loading_direction()
     parts = {"all points": np.ones(len(data), dtype=np.bool_)}
     if np.unique(direction).size > 1:

@@ -344,6 +344,7 @@ def loading_series(data: CalibrationData, direction: int) -> Loading | None:
 
 
 def _listed(steps_nm: FloatArray) -> Message | str:
+    """Return the first steps in words, and the number of further ones."""
     shown = ", ".join(f"{step:g}" for step in steps_nm[:4])
     return (
         Message("{steps} and {count} more", shown, steps_nm.size - 4)

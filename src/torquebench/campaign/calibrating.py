@@ -179,6 +179,7 @@ def _register(
 
 
 def _describe(done: FinishedCalibration) -> Message:
+    """Return the numbers under which a calibration and its models are registered, in a sentence."""
     entry = done.registered.calibration
     return Message(
         "run {run_id} is registered as calibration-{calibration_id} with {numbers}",

@@ -201,6 +201,7 @@ def compare_calibrations(registry: Registry, first: int, second: int) -> Calibra
 
 
 def _compared(registry: Registry, entry: CalibrationEntry) -> ComparedCalibration:
+    """Return a calibration with its model; refuse one without a model."""
     model = model_of_calibration(registry, entry)
     if model is None:
         raise InputError(

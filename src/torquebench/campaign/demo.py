@@ -165,6 +165,7 @@ def _with_tables(fit: Fit) -> list[FittedModel]:
 
 
 def _require_plausible(entry: ModelEntry) -> None:
+    """Refuse a model that isn't in use because its calibration contradicts itself."""
     if entry.contradictions:
         raise RecordError(
             Message(

@@ -281,6 +281,7 @@ def _documents(writer: Any, profile: Profile, circumstances: ExternalCalibration
 
 
 def _register_equipment(registry: Registry, circumstances: ExternalCalibration) -> None:
+    """Register transducer, indicator and, unless it is known, the reference standard."""
     reference = circumstances.reference
     registry.add_equipment(circumstances.transducer)
     registry.add_equipment(Equipment("counter", circumstances.indicator))

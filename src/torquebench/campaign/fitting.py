@@ -357,6 +357,7 @@ def _kept(data: CalibrationData, examination: Examination, outliers: str) -> Cal
 
 
 def _wrong_row(data: CalibrationData, point: int, residual_nm: float) -> Message:
+    """Return a sentence about a row that the other rows don't predict."""
     return Message(
         "{row}: reading {reading:.6g} N·m, standard {standard:.6g} N·m, "
         "{residual:+.3g} N·m from the value that the other rows predict",
@@ -523,6 +524,7 @@ def fit_table(
 
 
 def _compared(data: CalibrationData, name: str, progress: Progress) -> Comparison:
+    """Compare the candidates and the named model at held-out points."""
     progress.start("Comparing models", SHARES)
     comparison = compare(
         data.features(COMPARED_COLUMNS),

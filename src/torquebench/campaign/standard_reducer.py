@@ -194,6 +194,7 @@ def _evaluate(
 
 
 def _describe(friction: MeasuredFriction) -> Message:
+    """Return errors and tolerance in a sentence."""
     check = friction.check
     if check is None:
         return Message("run {run_id} is a friction sweep without a certificate", friction.run_id)

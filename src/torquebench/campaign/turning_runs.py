@@ -260,6 +260,7 @@ def _measure_steps(
     _follow_on(table, station)
 
     def write(done: StepTable) -> None:
+        """Write the table of the series so far."""
         stated = {**_remarks(station, side, profile, done.series_done), **remarks}
         rows = [
             f"{time_s:.6f},{reading_nm:.7g},{standard_nm:.7g},{segment:.0f},{period_s:g}"

@@ -347,6 +347,7 @@ def joined(parts: Sequence[Torque]) -> Torque:
     first = parts[0]
 
     def column(number: int, name: str) -> FloatArray:
+        """Return an attribute of a component for the torques of all parts."""
         return np.concatenate(
             [
                 np.broadcast_to(getattr(part.components[number], name), part.value_nm.shape)
@@ -369,6 +370,7 @@ def joined(parts: Sequence[Torque]) -> Torque:
 
 
 def _joined_shapes(parts: Sequence[Torque], number: int) -> Shapes:
+    """Return a component's distributions over all parts; one if they are the same."""
     shapes = [part.components[number].distribution for part in parts]
     if all(shape is shapes[0] for shape in shapes):
         return shapes[0]

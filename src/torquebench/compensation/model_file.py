@@ -299,6 +299,7 @@ def _read(source: Path) -> dict[str, Any]:
 
 
 def _content(stored: StoredModel) -> dict[str, Any]:
+    """Return a model file's content as plain values."""
     return {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,

@@ -150,6 +150,7 @@ class NetworkModel(FormModel):
         return 5
 
     def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress) -> None:
+        """Scale the points to ±1, train the network, and keep its noise."""
         reading = X[:, 0]
         target = y - reading if self.mapping == "residual" else y
         self.input_scaling_ = SpanScaling.of(reading)

@@ -194,6 +194,7 @@ class PolynomialModel(FormModel):
         self.noise_nm_ = float(np.sqrt(np.sum(weights * residual**2) / freedom))
 
     def _refuse_short_side(self, reading: FloatArray) -> None:
+        """Refuse a direction with fewer distinct readings than its polynomial needs."""
         distinct = np.unique(reading).size
         if distinct < self._minimum_distinct():
             direction = "clockwise" if np.max(reading) > 0 else "counter-clockwise"

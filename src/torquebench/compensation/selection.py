@@ -251,6 +251,7 @@ class Comparison:
         return html_table(repr(self), *self._cells())
 
     def _cells(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        """Return the comparison's header and rows as texts; the raw reading last."""
         percent = 100.0 / self.full_scale_nm
         rows = [
             (each.name, f"{each.worst_percent_fs:.3g}", f"{each.rms_percent_fs:.3g}", each.reason)

@@ -255,6 +255,7 @@ def compile_table(
         )
 
     def follow_torque() -> PiecewisePolynomial:
+        """Follow the torque as finely as stated; coarsely if the fine table would be too long."""
         if tolerance is not None:
             return follow(torque, 1.0, "torque", tolerance)
         try:
@@ -292,6 +293,7 @@ def _scalar_function(curve: PiecewisePolynomial) -> Callable[..., float]:
         )
 
     def linear(reading_nm: float, branch: int = 0) -> float:
+        """Return the torque of one reading from the table's straight lines."""
         if not low <= reading_nm <= high:
             raise refuse(reading_nm)
         if reading_nm > near:
@@ -348,6 +350,7 @@ def _branch(branch: ArrayLike | None) -> NDArray[np.int8] | None:
 def _require_same_shape(
     reading: FloatArray, branch: NDArray[np.int8] | None, out: FloatArray
 ) -> None:
+    """Refuse branches or an output array that don't fit the readings."""
     if branch is not None and branch.shape != reading.shape:
         raise InputError(
             Message("{size} branches for {reading_size} readings", branch.size, reading.size),

@@ -304,6 +304,7 @@ def _delay_by_steps(steps: Steps) -> Delay:
 
 
 def _delay_by_sines(sines: Sequence[Sine]) -> list[Delay]:
+    """Return the delay by the phases' slope over the rate of the sines; none for one period."""
     if len({each.period_s for each in sines}) < 2:
         return []
     rate, phase, u = np.array([_phase(each) for each in sines]).T

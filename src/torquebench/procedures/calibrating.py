@@ -57,6 +57,7 @@ class _Table:
         self.rows.append(row)
 
     def result(self, devices: BenchDevices, side: Side, standard_serial: str) -> StaircaseResult:
+        """Return the measured points in the order of the profile's steps."""
         # A repeated point replaces the damaged one in its series.
         order = sorted(
             range(len(self.steps)), key=lambda n: (self.steps[n].series, self.steps[n].index)
@@ -68,6 +69,7 @@ class _Table:
         return StaircaseResult(data, unsettled, standard_serial, self.placement)
 
     def data(self, devices: BenchDevices, side: Side) -> CalibrationData:
+        """Return the points measured so far."""
         return calibration_of_rows(
             devices,
             side,

@@ -84,6 +84,7 @@ class _Loader:
     settings: SteadySettings | None = None
 
     def run(self, on_row: Callable[[Step, Row], None]) -> Plan[None]:
+        """Load all steps; a pause repeats the interrupted step on its branch."""
         # From here on the standard is monitored, also during preloads.
         yield from prepare(self._module.steady, SteadySettings(reference=True), wait=True)
         yield from power_on(self.devices, self.setup.side)
@@ -120,6 +121,7 @@ class _Loader:
         yield from move(self._module.drive.torque, step.nominal_nm)
 
     def _stamp(self, step: Step) -> Plan[None]:
+        """State a step's place in the profile in the next document."""
         point = Point(
             series=step.series,
             step=step.index,

@@ -278,6 +278,7 @@ class StandardCheck(Movable[TakenStep]):
 
 
 def _point(row: Mapping[str, Any]) -> PairedTorque:
+    """Return a measured point as a pair of torques with their uncertainty."""
     return PairedTorque(
         float(row["reading_nm"]),
         float(row["standard_nm"]),

@@ -156,6 +156,7 @@ class ReducerDescription(_Settings):
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
+        """Refuse torques, regions, intervals or speeds out of order."""
         if not self.rated_torque_nm <= self.acceleration_torque_nm <= self.momentary_peak_torque_nm:
             raise ValueError(
                 "rated_torque_nm, acceleration_torque_nm and momentary_peak_torque_nm have to rise"

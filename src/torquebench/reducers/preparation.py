@@ -60,6 +60,7 @@ def finite_columns(least: int, **columns: ArrayLike) -> tuple[Floats, ...]:
 
 
 def _equal_columns(columns: Mapping[str, ArrayLike]) -> dict[str, Floats]:
+    """Return columns as rows of floats; refuse different lengths."""
     rows = {
         name: np.atleast_1d(np.asarray(each, dtype=np.float64)) for name, each in columns.items()
     }

@@ -32,6 +32,7 @@ def torque_saturation(torque: Floats, demanded: Floats | None) -> list[Finding]:
 
 
 def _saturated(largest: float, asked: str, rows: NDArray[np.bool_]) -> Finding:
+    """Return the finding that torque stops below what was demanded."""
     return Finding(
         "drive saturation",
         Message(

@@ -20,6 +20,7 @@ _GROUP = 2048
 
 @inner
 def _first_at_or_after(ticks, guess, tick):  # type: ignore[no-untyped-def] # Numba infers
+    """Return the first edge at or after a tick, searched from a guess."""
     i = min(guess, ticks.size)
     while i < ticks.size and ticks[i] < tick:
         i += 1
@@ -41,6 +42,7 @@ def _irregular(ticks, low, high, stop):  # type: ignore[no-untyped-def] # Numba 
 
 @inner
 def _sum(ticks, low, high):  # type: ignore[no-untyped-def] # Numba infers
+    """Return the sum of a range of ticks."""
     # Passing a slice would count references, which takes as long as a short sum.
     window = ticks[low:high]
     total = int64(0)

@@ -198,6 +198,7 @@ class History:
             self._size = min(self._size + count, self.capacity)
 
     def _begin(self, columns: Mapping[str, Column]) -> None:
+        """Restart the buffer with these columns."""
         self._columns = {
             name: np.empty((self.capacity, *values.shape[1:]), values.dtype)
             for name, values in columns.items()
@@ -212,6 +213,7 @@ class History:
         return slice(self._next, self.capacity), slice(0, self._next)
 
     def _copied(self, parts: Sequence[slice]) -> Record:
+        """Return a copy of these rows, so that the writer can go on."""
         if len(parts) == 1:
             rows = parts[0]
             whole = {name: values[rows].copy() for name, values in self._columns.items()}

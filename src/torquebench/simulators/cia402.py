@@ -279,6 +279,7 @@ class Cia402Node:
             self._go("operation enabled")
 
     def _off(self, state: str) -> None:
+        """Switch the power off and go to a state without it."""
         if self._drive.state().enabled:
             self._drive.disable()
         if state in ("switch on disabled", "fault"):

@@ -74,6 +74,7 @@ class ControlServer(LineServer):
                 connection.sendall(json.dumps(self._answer(line)).encode() + b"\n")
 
     def _answer(self, line: bytes) -> dict[str, Any]:
+        """Return the answer to a request line; an error is an answer, too."""
         try:
             request = json.loads(line, parse_constant=_refuse)
             action = self._actions.get(request.get("do"))
@@ -130,6 +131,7 @@ class ControlServer(LineServer):
         return {"mounted": self._plant.bench.mounted()}
 
     def _seat(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Mount anew what is mounted: it seats differently."""
         del request
         bench = self._plant.bench
         mounted = bench.mounted()
@@ -138,6 +140,7 @@ class ControlServer(LineServer):
         return {"mounted": mounted}
 
     def _misbehave(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Start a misbehaviour at an endpoint."""
         self._misbehaviour.start(
             request["endpoint"],
             request["kind"],
@@ -152,6 +155,7 @@ class ControlServer(LineServer):
         return {}
 
     def _fault(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Start a fault of a channel."""
         self._plant.bench.twin.inject_fault(
             request["channel"],
             request["kind"],
@@ -175,6 +179,7 @@ class ControlServer(LineServer):
         return {"reading_nm": reading.tolist(), "branch": branch.tolist()}
 
     def _certificates(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the certificates of the mountable standards."""
         del request
         return {
             mounting: {
@@ -194,6 +199,7 @@ class ControlServer(LineServer):
         return {"points": [point.model_dump() for point in points]}
 
     def _encoder_certificates(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the certificates of the encoders."""
         del request
         return {
             side: {

@@ -113,6 +113,7 @@ class _Servicer(services.NiDAQmxServicer):
     # -- tasks ------------------------------------------------------------------------------
 
     def CreateTask(self, request: Any, context: Any) -> Any:  # noqa: N802
+        """Create a task; the first one starts the plant's reading."""
         with self._lock:
             if not self._tasks:
                 self._plant.reading(True)
@@ -128,6 +129,7 @@ class _Servicer(services.NiDAQmxServicer):
         return messages.ClearTaskResponse()
 
     def _clear(self, task: _Task | None) -> None:
+        """End what a removed task did: edges, sample clock, the plant's reading."""
         if task is None:
             return
         if task.tap is not None:
@@ -160,6 +162,7 @@ class _Servicer(services.NiDAQmxServicer):
         return messages.CreateCIAngEncoderChanResponse()
 
     def CreateCOPulseChanFreq(self, request: Any, context: Any) -> Any:  # noqa: N802
+        """Make a task the sample clock of a frequency."""
         task = self._task(request, context)
         if not 0.0 < request.freq <= self._timebase_hz / 4.0:
             self._fail(context, WRONG_VALUE)
@@ -172,6 +175,7 @@ class _Servicer(services.NiDAQmxServicer):
         return messages.CfgImplicitTimingResponse()
 
     def CfgSampClkTiming(self, request: Any, context: Any) -> Any:  # noqa: N802
+        """Set a task's sample rate and buffer."""
         task = self._task(request, context)
         if not 0.0 < request.rate <= self._timebase_hz:
             self._fail(context, WRONG_VALUE)
@@ -235,6 +239,7 @@ class _Servicer(services.NiDAQmxServicer):
         return messages.GetTaskAttributeUInt32Response(value=1)
 
     def GetReadAttributeUInt32(self, request: Any, context: Any) -> Any:  # noqa: N802
+        """Return the number of waiting samples; fail after an overrun."""
         task = self._task(request, context)
         with self._lock:
             self._fill(task)
@@ -345,6 +350,7 @@ class _Spoiler(grpc.ServerInterceptor):
         faults = self._faults
 
         def spoilt(request: Any, context: Any) -> Any:
+            """Answer with what the misbehaviour makes of the answer: altered, late or lost."""
             answer = handler.unary_unary(request, context)
             data = faults.outgoing(handler.response_serializer(answer))
             if data is None:  # as if the answer was lost

@@ -74,6 +74,7 @@ class LineServer(ABC):
             thread.start()
 
     def _serve(self, connection: socket.socket) -> None:
+        """Attend a client until it leaves, then forget it."""
         try:
             self.attend(connection)
         finally:

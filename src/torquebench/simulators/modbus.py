@@ -107,6 +107,7 @@ class ModbusSimulator(LineServer):
 
     @property
     def _functions(self) -> Mapping[int, Callable[[int, bytes], bytes]]:
+        """Return the handlers by function code."""
         bits, words = self._read_bits, self._read_words
         one_bit, one_word = self._write_bit, self._write_word
         return {1: bits, 2: bits, 3: words, 4: words, 5: one_bit, 6: one_word} | {
@@ -137,6 +138,7 @@ class ModbusSimulator(LineServer):
         return found
 
     def _read(self, function: int, request: bytes, most: int) -> list[int]:
+        """Return the requested values of a table; refuse too many or unknown ones."""
         first, count = struct.unpack(">HH", request)
         if not 1 <= count <= most:
             raise _RefusedError(Code.ILLEGAL_VALUE)
@@ -159,6 +161,7 @@ class ModbusSimulator(LineServer):
     # -- writing ----------------------------------------------------------------------------
 
     def _obey(self, write: Callable[[int, list[int]], None], first: int, values: list[int]) -> None:
+        """Write values at an address; a misbehaving device ignores them."""
         if self.faults.ignoring:
             return
         with self._image.plant.lock:
@@ -173,6 +176,7 @@ class ModbusSimulator(LineServer):
         return request
 
     def _write_bit(self, function: int, request: bytes) -> bytes:
+        """Obey the writing of one bit."""
         del function
         place, value = struct.unpack(">HH", request)
         if value not in (0x0000, 0xFF00):
@@ -181,6 +185,7 @@ class ModbusSimulator(LineServer):
         return request
 
     def _write_words(self, function: int, request: bytes) -> bytes:
+        """Obey the writing of several registers."""
         del function
         first, count, size = struct.unpack_from(">HHB", request)
         if not 1 <= count <= LONGEST_WRITTEN_WORDS or size != 2 * count:
@@ -189,6 +194,7 @@ class ModbusSimulator(LineServer):
         return request[:4]
 
     def _write_bits(self, function: int, request: bytes) -> bytes:
+        """Obey the writing of several bits."""
         del function
         first, count, size = struct.unpack_from(">HHB", request)
         sizes = {-(-count // 8), len(request) - 5}

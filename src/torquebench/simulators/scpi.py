@@ -64,6 +64,7 @@ def _header(pattern: str) -> re.Pattern[str]:
 
 
 def _number(text: str, lowest: float, highest: float) -> float:
+    """Return a number with its SI suffix; refuse another text or range."""
     found = _NUMBER.fullmatch(text)
     if found is None or found[2] not in SUFFIXES:
         raise _ScpiError(-104)
@@ -283,6 +284,7 @@ class ScpiFrequencyCounter(ScpiInstrument):
         self._readings = []
 
     def _begin(self) -> None:
+        """Start to count the channel's edges in gates."""
         if self._tap is not None:
             raise _ScpiError(-213)
         timebase_hz = self._plant.bench.timebase_hz

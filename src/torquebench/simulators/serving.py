@@ -83,6 +83,7 @@ class Simulators:
     # -- serving ----------------------------------------------------------------------------
 
     def _serve(self, role: str, section: dict[str, Any]) -> dict[str, Any]:
+        """Serve one instrument of a role; refuse a protocol without a simulator."""
         protocol = str(section.get("protocol"))
         build = _BUILDERS.get(protocol)
         if build is None:
@@ -220,6 +221,7 @@ def _canopen(simulators: Simulators, role: str, section: dict[str, Any]) -> dict
         )
 
     def join(served: CanBusSimulator) -> None:
+        """Add the drive's node to the served bus."""
         node = Cia402Node(
             simulators.plant,
             "input" if role == "input_drive" else "output",

@@ -96,6 +96,7 @@ def sample(
 
 
 def _require_separate_limits(degrees_of_freedom: float) -> None:
+    """Refuse a rectangular quantity whose limits are hardly known."""
     if degrees_of_freedom < 1.0:
         raise InputError(
             Message(

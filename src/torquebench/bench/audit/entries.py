@@ -157,6 +157,7 @@ class AuditLog:
         self._waiting.put(line)
 
     def _start_writer(self) -> None:
+        """Start the thread that writes waiting entries, unless it is running."""
         with self._starting:
             if self._writer is None:
                 self._writer = threading.Thread(
@@ -172,6 +173,7 @@ class AuditLog:
                 writer.join()
 
     def _write_waiting(self) -> None:
+        """Write waiting lines in their order until the log is closed."""
         while True:
             line = self._waiting.get()
             try:

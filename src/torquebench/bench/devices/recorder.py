@@ -132,6 +132,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
         return self._context.description.counter.window_s
 
     def _count_finely(self) -> None:
+        """Let the channels of this recording count shorter windows in addition."""
         if self._fine:
             for side in SIDES:
                 channel = self._context.acquisition.channel(torque_channel(side))

@@ -261,6 +261,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         return _Evaluated(steady, float(record[column].mean()), column)
 
     def _steady_value(self, time_s: FloatArray, torque_nm: FloatArray) -> SteadyValue:
+        """Return the steady value of torques, over whole periods of a known ripple."""
         return steady_value(
             time_s,
             torque_nm,

@@ -39,6 +39,7 @@ class AdsLink(PlcLink):
         self._ads = require_library("pyads", "ads")
 
     def _open(self) -> Any:
+        """Connect to the PLC's ADS router."""
         net_id, _, port = self._options.address.partition(":")
         connection = self._ads.Connection(net_id, int(port), self._options.host)
         try:
@@ -52,6 +53,7 @@ class AdsLink(PlcLink):
         connection.close()
 
     def _asked(self, question: Any, *arguments: Any) -> Any:
+        """Return the PLC's answer to a question; translate the library's errors."""
         try:
             return question(*arguments)
         except self._ads.ADSError as error:
@@ -70,6 +72,7 @@ class AdsLink(PlcLink):
         return [self._number(name, found[name]) for name in names]
 
     def _number(self, name: str, value: Any) -> float:
+        """Return a variable's value as a float; refuse one that isn't a number."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise BenchError(
                 Message("{node} of {name} states {number!r}", name, self.name, value),

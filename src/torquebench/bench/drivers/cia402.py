@@ -136,6 +136,7 @@ class CanopenLink(Link[Any]):
         self._dictionary = load_dictionary()
 
     def _open(self) -> Any:
+        """Connect to the bus and add the drive's node; the library repeats nothing."""
         if self.reconnects:  # a late answer would reach every reader on the bus
             time.sleep(self.timeout_s)
         network = self._canopen.Network(self._open_bus())
@@ -147,6 +148,7 @@ class CanopenLink(Link[Any]):
         return network
 
     def _open_bus(self) -> Any:
+        """Open the described CAN interface; translate the library's errors."""
         bus = self._options.bus
         try:
             if bus.interface == "socketcand" and bus.host is not None and bus.port is not None:
@@ -465,6 +467,7 @@ class Cia402Drive:
             time.sleep(POLL_S)
 
     def _check_enabled(self) -> None:
+        """Refuse a command to a drive that isn't enabled; say why it isn't."""
         status = self._status()
         if status != "operation enabled":
             raise BenchError(
@@ -539,6 +542,7 @@ class Cia402Drive:
             self.quick_stop()
 
     def _ramp_to_zero(self, duration_s: float) -> None:
+        """Ramp torque and speed to zero within a duration, in the mode that the drive is in."""
         present = self.state()
         seconds = max(duration_s, 1e-3)
         for mode, value in (
@@ -608,6 +612,7 @@ class Cia402Drive:
 
 
 def _drive(request: InstrumentRequest) -> Cia402Drive:
+    """Open a side's drive, with a time-out that its watchdog allows."""
     assert request.side is not None
     options: Cia402Options = request.read(Cia402Options)
     watchdog_s = request.description.module(request.side).drive.watchdog_s

@@ -59,6 +59,7 @@ class DescribedCounter:
         return f"{self._serial}/{self._counting.clock}"
 
     def _check_served(self, channels: frozenset[str]) -> None:
+        """Refuse channels that no counter serves."""
         unknown = sorted(channels - set(self._served))
         if unknown:
             raise InputError(

@@ -242,6 +242,7 @@ class DaqmxCounter(LibraryCounter):
         return self._nidaqmx.GrpcSessionOptions(self._channel, name)
 
     def _text_of(self, error: Exception) -> str:
+        """Return the text of a library's error, in plain words where its cause is known."""
         text = super()._text_of(error)
         if "DEADLINE_EXCEEDED" in text:
             return Message("no answer in {timeout_s:g} s", self._options.timeout_s)
@@ -305,6 +306,7 @@ class DaqmxCounter(LibraryCounter):
         return bool(self._analog) or "/ai" in str(self._options.clock)
 
     def _analog_task(self, task: Any) -> None:
+        """Set up the task of the analogue inputs, which also gives the sample clock."""
         inputs = task.ai_channels
         for name in self._analog or ("",):
             terminal = self._options.analog.get(name) or self._options.clock
@@ -327,6 +329,7 @@ class DaqmxCounter(LibraryCounter):
         self._reader["clock"] = reader
 
     def _timing(self, task: Any, **source: str) -> None:
+        """Let a task sample continuously at the described rate."""
         task.timing.cfg_samp_clk_timing(
             self._options.sample_rate_hz,
             sample_mode=self._constants.AcquisitionType.CONTINUOUS,
@@ -465,6 +468,7 @@ class DaqmxCounter(LibraryCounter):
             )
 
     def _read_inputs(self, wanted: int, duration_s: float) -> None:
+        """Read the next samples of the analogue inputs; NaN beyond an input's range."""
         values = np.empty((max(1, len(self._analog)), wanted))
         reader = self._reader["clock"].read_many_sample
         self._read_samples(reader, values, wanted, duration_s, "analogue inputs")
@@ -509,6 +513,8 @@ class DaqmxCounter(LibraryCounter):
         return Record({"time_s": time_s, "angle_counts": counts})
 
     def _available(self, name: str) -> NDArray[np.uint32]:
+        """Return the edges that the device has of a counter, without waiting for more."""
+
         def question() -> NDArray[np.uint32]:
             """Read all samples that the device has."""
             stream = self._tasks[name].in_stream

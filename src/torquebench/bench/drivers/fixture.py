@@ -191,6 +191,7 @@ class FixtureSupply(_Part):
 
 
 def _await(reached: Callable[[], bool], within_s: float, failure: str) -> None:
+    """Wait until a condition holds; raise `failure` if it doesn't in time."""
     deadline = time.monotonic() + within_s
     while not reached():
         if time.monotonic() > deadline:

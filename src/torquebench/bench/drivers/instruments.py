@@ -162,6 +162,7 @@ def open_instruments(description: BenchDescription) -> DriverSet:
 
 
 def _check_needs_angles(counter: object) -> None:
+    """Refuse separate angles beside a counter that times the encoders itself."""
     if getattr(counter, "times_encoders", False):
         raise InputError(
             "driver.angles and a counter that reads the encoders itself",

@@ -85,6 +85,7 @@ class SocketLines(_Lines):
         self._socket.sendall(line.encode("ascii") + self._terminator)
 
     def _more(self, within_s: float) -> bytes:
+        """Return the bytes that arrive in time; none is no error."""
         self._socket.settimeout(within_s)
         try:
             data = self._socket.recv(65536)
@@ -141,6 +142,7 @@ class SerialLines(_Lines):
             raise WireError(str(error)) from error
 
     def _more(self, within_s: float) -> bytes:
+        """Return the bytes that arrive in time; none is no error."""
         try:
             self._port.timeout = within_s
             first: bytes = self._port.read(1)
@@ -204,6 +206,7 @@ class LineLink(Link[LineConnection]):
         self._session = terminator, prologue, epilogue
 
     def _open(self) -> LineConnection:
+        """Connect by a socket or a serial port, and record the lines if a recording is made."""
         options, (terminator, prologue, epilogue) = self._options, self._session
         host, _, port = options.address.rpartition(":")
         connection: LineConnection

@@ -63,6 +63,7 @@ class MoteusLink(LineLink):
         line = f"can send {REPLY | self._node:04x} {data.hex()} BF"
 
         def ask(connection: LineConnection) -> dict[int, float]:
+            """Send a line and return this drive's registers; skip other drives' answers."""
             connection.send(line)
             deadline = time.monotonic() + self.timeout_s
             for _ in range(MOST_FOREIGN):
@@ -254,6 +255,7 @@ class MoteusDrive:
 
 
 def _drive(request: InstrumentRequest) -> MoteusDrive:
+    """Open a side's drive, with a time-out that its watchdog allows."""
     assert request.side is not None
     options: MoteusOptions = request.read(MoteusOptions)
     watchdog_s = request.description.module(request.side).drive.watchdog_s

@@ -70,6 +70,7 @@ class OpcUaServer(Link[Any]):
         self._client = require_library("asyncua.sync", "opcua").Client
 
     def _open(self) -> Any:
+        """Connect to the server; hang up if that fails."""
         client = self._client(
             self.address, self.timeout_s, sync_wrapper_timeout=4.0 * self.timeout_s
         )
@@ -90,6 +91,7 @@ class OpcUaServer(Link[Any]):
         """Close the socket, which a failed session leaves open, and end the client's thread."""
 
         async def closed() -> None:
+            """Cancel the connection's tasks and close its socket."""
             protocol = client.aio_obj.uaclient.protocol
             unfinished = asyncio.all_tasks() - {asyncio.current_task()}
             for task in unfinished:  # a session that is being opened or closed would continue
@@ -113,6 +115,8 @@ class OpcUaServer(Link[Any]):
             raise WireError(str(error) or "no answer") from error
 
     def _read(self, nodes: list[str]) -> list[Any]:
+        """Return the values of nodes, read by one request."""
+
         def exchange(client: Any) -> list[Any]:
             found = [client.get_node(node) for node in nodes]
             value = self._library.ua.AttributeIds.Value

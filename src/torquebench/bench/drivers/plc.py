@@ -426,6 +426,7 @@ def plc_plugin(name: str, base: type[PlcOptions], variable: Any, life: Any, open
             return PlcAngles(link, options.positions)
 
     def drive(request: InstrumentRequest) -> PlcDrive:
+        """Open a side's drive, with a time-out that its watchdog allows."""
         assert request.side is not None
         options = request.read(Drive)
         watchdog_s = request.description.module(request.side).drive.watchdog_s
@@ -434,6 +435,8 @@ def plc_plugin(name: str, base: type[PlcOptions], variable: Any, life: Any, open
             return PlcDrive(link, options.structure, request.side, watchdog_s, options.switching_s)
 
     def fixture(kind: Callable[[Any, float], Any]) -> Callable[[InstrumentRequest], Any]:
+        """Return a function that opens the fixture's modes or its clamp."""
+
         def opens_fixture(request: InstrumentRequest) -> Any:
             options = request.read(Fixture)
             with linked(request, options).kept() as link:

@@ -42,6 +42,7 @@ class S7Link(PlcLink):
         self._failure = require_library("snap7.error", "s7").S7Error
 
     def _open(self) -> Any:
+        """Connect to the PLC within the time-out."""
         host, port = split_address(self.address)
         # the library waits for 5 s for a connection
         socket.create_connection((host, port), self.timeout_s).close()

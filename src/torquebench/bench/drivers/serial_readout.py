@@ -19,6 +19,7 @@ from torquebench.message import Message
 
 
 def _pattern(text: str) -> str:
+    """Return a regular expression that has a group `value`; refuse any other text."""
     try:
         found = re.compile(text)
     except re.error as error:

@@ -56,6 +56,7 @@ class Stepper:
             raise failure
 
     def _run(self) -> None:
+        """Move the set point in steps until stopped; hold it when the watchdog wasn't fed."""
         before_s = time.monotonic()
         while not self._ending.wait(PERIOD_S):
             now_s = time.monotonic()
@@ -69,6 +70,7 @@ class Stepper:
                 self.stop()
 
     def _step(self, passed_s: float) -> None:
+        """Write the next set point on the ramp from the present one to the target."""
         with self._lock:
             if self._write is None or self._present == self._target:
                 return

@@ -351,6 +351,7 @@ class AlarmBook:
         return tuple(changed)
 
     def _tell(self, entries: list[RaisedAlarm]) -> None:
+        """Pass alarms to all listeners, whose errors are ignored."""
         for entry in entries:
             for listener in self._listeners:
                 try:

@@ -152,6 +152,7 @@ class DriveWorker:
         """Switch off the power, then call `done` with whether the command succeeded."""
 
         def disable() -> None:
+            """Switch the drive off, and report whether it took the command."""
             try:
                 self.drive.disable()
             except Exception:  # its own watchdog has to trip

@@ -335,6 +335,7 @@ class SignalJudge:
                 self._no_sample(Message("probe {probe}", probe))
 
     def _no_sample(self, signal: str) -> None:
+        """Report a violation: a block has no sample of a signal."""
         self._violated(
             AlarmKind.SIGNAL_LOST,
             signal,
@@ -429,6 +430,7 @@ class SignalJudge:
         )
 
     def _speed_level(self, side: Side, speed_rpm: float) -> None:
+        """Compare a side's speed with its limit."""
         self._level(
             AlarmKind.SPEED_LIMIT,
             side,
@@ -457,6 +459,7 @@ class SignalJudge:
             )
 
     def _torque_rate(self, side: Side, name: str, rate: float) -> None:
+        """Compare a torque's rate of change with its limit while a drive is enabled."""
         if self._commands.any_enabled:
             self._level(
                 AlarmKind.RATE_LIMIT,
@@ -516,6 +519,7 @@ class SignalJudge:
     def _lost(
         self, name: str, kind: SignalFaultKind, lasted_s: float, allowed_s: float | None = None
     ) -> None:
+        """Report a violation: a signal has had a fault for longer than allowed."""
         allowed_s = self._description.safety.signal_loss_s if allowed_s is None else allowed_s
         self._violated(
             AlarmKind.SIGNAL_LOST,

@@ -468,6 +468,7 @@ class SafetySupervisor:
         self._lifted.close()
 
     def _watch(self) -> None:
+        """Watch drives, acquisition and heartbeats until the bench is closed."""
         period_s = IDLE_PERIOD_S if self._clock.fast else WATCH_PERIOD_S
         if not self._clock.fast:
             prefer_this_thread()

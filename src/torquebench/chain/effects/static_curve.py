@@ -76,6 +76,7 @@ class StaticCurve(Effect):
         return table
 
     def _compiled(self) -> CompensationTable | None:
+        """Return the model's table; None if it can't have one."""
         if {"speed_rpm", "temperature_c"}.intersection(self.model.used_features):
             return None  # the columns change while a model is in use
         try:
@@ -198,6 +199,7 @@ class _FollowedCurve(Effect):
         return self._parts(torque_nm, followed)
 
     def _parts(self, reading_nm: Values, live: LiveTorque) -> tuple[Component, ...]:
+        """Return curve and hysteresis of readings whose position in the loop was followed."""
         return (
             self.curve._curve(
                 reading_nm, live.coordinate, live.middle_nm, live.curve_uncertainty_nm

@@ -221,6 +221,7 @@ def _random_walks(lengths_s: FloatArray) -> Columns:
     sizes = np.sqrt(2.0 * np.maximum(lengths_s, 1e-9) / _WANDER_S)
 
     def columns(c: Circumstances) -> FloatArray:
+        """Return sine waves over each run's length, which are zero in the other runs."""
         found = np.zeros((len(c), lengths_s.size, _WAVES))
         for run, (length_s, size) in enumerate(zip(lengths_s, sizes, strict=True)):
             rows = c.run == run + 1

@@ -224,6 +224,7 @@ class _Data:
         return replace(data, groups=data._identified(warm, calibration, runs))
 
     def _run(self, run: EmptyRun, number: int) -> tuple[Circumstances, FloatArray]:
+        """Return an empty run's circumstances and its readings in the unit of the fit."""
         rows = Circumstances.of(
             len(run),
             speed=run.speed_rpm / self.largest_rpm,
@@ -529,6 +530,7 @@ def _running_in(
 
 
 def _effects(fit: _Fit) -> tuple[Effect, ...]:
+    """Return the effects for which the fit has terms."""
     effects: list[Effect] = []
     groups = fit.data.groups
     if groups & {"zero", "span"}:

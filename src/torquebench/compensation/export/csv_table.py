@@ -151,6 +151,7 @@ def _jumps_at_zero(table: CompensationTable) -> bool:
 def _values(
     table: CompensationTable, reading: FloatArray, branch: int, *, uncertainty: bool
 ) -> FloatArray:
+    """Return a branch's torques, or their standard uncertainties, at readings."""
     branches = np.full(reading.size, branch, dtype=np.int8)
     if uncertainty:
         return table.standard_uncertainty(reading, branches)

@@ -109,6 +109,7 @@ class _Graph:
         self.constants: list[Any] = []
 
     def constant(self, name: str, value: Any) -> str:
+        """Add a constant to the graph, and return its name."""
         array = np.asarray(value)
         kind = self.types.INT64 if array.dtype.kind == "i" else self.types.DOUBLE
         self.constants.append(

@@ -434,6 +434,7 @@ class Member:
         return np.asarray((solved.residual**2 + solved.leverage) * ratio)
 
     def _student_correction(self) -> float:
+        """Return what Student's tails add to the log evidence, which assumes normal residuals."""
         squares = self._expected_squares()
         tails = self.weighting.weights / self.weighting.base
         shape = 0.5 * (_FREEDOM + 1.0)

@@ -114,6 +114,7 @@ class HybridModel(CompensationModel):
         return 5
 
     def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, _progress: Progress) -> None:
+        """Fit and average the members; keep the average's means, tables and scatter."""
         average = self._averaged(X, y, weights)
         self._add_means(average)
         self.effective_parameters_ = average.mean_of(

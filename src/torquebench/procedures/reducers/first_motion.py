@@ -179,6 +179,7 @@ def breakaway(
     warm: list[float] = []
 
     def measured() -> Plan[None]:
+        """Find the first motion at each position of the output."""
         step = DEG_PER_TURN / settings.positions
         for number in range(settings.positions):
             yield from checkpoint()

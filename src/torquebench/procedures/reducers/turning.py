@@ -153,6 +153,7 @@ def transmission_error(
     )
 
     def measured() -> Plan[None]:
+        """Record a revolution in each direction."""
         yield from checkpoint()
         yield from turn_output(devices, limits, 10.0)
         for number, sign in enumerate(signs):

@@ -141,6 +141,7 @@ def step_torques(
     runner = _Stepper(devices, side, table, total)
 
     def measured() -> Plan[None]:
+        """Load all legs of all series that the table lacks; a new zero precedes each series."""
         for number in range(table.series_done, series):
             yield from checkpoint()
             yield from zero(devices, side, duration_s=profile.zero_s, standard=True)

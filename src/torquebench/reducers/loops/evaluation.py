@@ -255,6 +255,7 @@ def _evaluated(recording: Recording, settings: LoopSettings) -> _Evaluated:
 def _drift_at(
     recording: Recording, loops: Sequence[RawLoop], features: Sequence[LoopFeatures]
 ) -> Drift:
+    """Return the drift of the angle: between loops, or from the gap of a single loop."""
     if len(loops) > 1:
         return drift_of(recording, loops)
     loop = features[0]

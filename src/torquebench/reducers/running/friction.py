@@ -186,6 +186,7 @@ def _curve(
 def _mean_where(
     values: Floats, group: NDArray[np.int64], where: NDArray[np.bool_], size: int
 ) -> Floats:
+    """Return each group's mean over the chosen rows; NaN for a group without any."""
     count = np.bincount(group[where], minlength=size)
     total = np.bincount(group[where], weights=values[where], minlength=size)
     mean = np.full(size, np.nan)

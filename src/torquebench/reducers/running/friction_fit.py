@@ -99,6 +99,7 @@ class FrictionFit:
     def _basis(
         self, speed_rad_s: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the linear part of the form at speeds, and its derivatives."""
         speed = 1.0
         if self.stribeck_speed_rpm is not None:
             speed = self.stribeck_speed_rpm.value * RAD_S_PER_RPM

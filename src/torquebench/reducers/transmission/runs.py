@@ -154,6 +154,7 @@ def check_ratio(given: Floats, taken: Floats, ratio: float) -> None:
 
 
 def _refuse_slip(jump_rad: float, place_rad: float) -> None:
+    """Refuse a transmission error that jumps and doesn't come back."""
     raise InputError(
         Message(
             "the transmission error jumps by {jump:.3g} arcsec at {degrees:.4g}° of "
@@ -167,6 +168,7 @@ def _refuse_slip(jump_rad: float, place_rad: float) -> None:
 
 
 def _refuse_ratio(shown: float, ratio: float) -> None:
+    """Refuse angles that contradict the ratio; say which mistake explains them."""
     if abs(shown * ratio - 1.0) <= COARSE and abs(ratio**2 - 1.0) > COARSE:
         remedy = "input and output angle are swapped: name the columns the other way round"
     elif abs(shown / ratio + 1.0) <= COARSE:

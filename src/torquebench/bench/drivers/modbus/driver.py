@@ -177,6 +177,7 @@ def _link(request: InstrumentRequest, options: ModbusOptions) -> ModbusLink:
 
 
 def _drive(request: InstrumentRequest) -> ModbusDrive:
+    """Open a side's drive, with a time-out that its watchdog allows."""
     assert request.side is not None
     options: DriveOptions = request.read(DriveOptions)
     watchdog_s = request.description.module(request.side).drive.watchdog_s

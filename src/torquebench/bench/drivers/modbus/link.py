@@ -55,6 +55,7 @@ class ModbusLink(Link[Any]):
         self._failures = require_library("pymodbus.exceptions", "modbus").ModbusException
 
     def _open(self) -> Any:
+        """Connect to the server, without repeats by the library."""
         host, port = split_address(self.address)
         client = self._library.ModbusTcpClient(
             host, port=port, timeout=self.timeout_s, retries=0, name=self.name
@@ -171,6 +172,7 @@ class ModbusLink(Link[Any]):
         )
 
     def _complete(self, found: list[int], count: int) -> list[int]:
+        """Return the requested values; refuse an answer with fewer."""
         if len(found) < count:
             raise BenchError(
                 Message(

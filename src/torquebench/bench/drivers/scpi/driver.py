@@ -157,6 +157,7 @@ class ScpiCounter(DescribedCounter):
         return Block(start_s, self._windows * gate_s, {}, frequencies)
 
     def _fetch(self, name: str, count: int) -> NDArray[np.float64]:
+        """Return the next readings of a counter; refuse another number of them."""
         link = self._links[name]
         within_s = count * self._counting.window_s + self._fetch_s
         answer = link.query(self._options.fetch.format(count=count), within_s=within_s)

@@ -84,6 +84,7 @@ class ScpiLink(Link[LineConnection]):
         super().__init__(name, address, timeout_s, attempts)
 
     def _open(self) -> LineConnection:
+        """Connect by VISA or a socket, and clear earlier errors."""
         connection: LineConnection
         if "::" in self.address:
             connection = _VisaConnection(self.address, self.timeout_s)

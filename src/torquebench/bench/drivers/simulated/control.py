@@ -56,6 +56,7 @@ class SimulationControl(Link[socket.socket]):
         line = json.dumps({"do": request, **arguments}).encode() + b"\n"
 
         def exchange(connection: socket.socket) -> bytes:
+            """Send the request and return the line that answers it."""
             connection.sendall(line)
             answer = b""
             while not answer.endswith(b"\n"):

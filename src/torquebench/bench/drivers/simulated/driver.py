@@ -340,6 +340,7 @@ class SimulatedBench:
     # -- drives (called by SimulatedDrive) --------------------------------------------------
 
     def _set_enabled(self, side: Side, enabled: bool) -> None:
+        """Switch a drive on or off, without set points; switching on ends a fault."""
         with self._lock:
             axes = self._axes[side]
             self._note(side, "on" if enabled else "off")

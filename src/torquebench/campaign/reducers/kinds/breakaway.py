@@ -145,6 +145,7 @@ def _figures(result: BreakawayResult) -> tuple[tuple[str, str], ...]:
 
 
 def _work(side: Side) -> ReducerTestWork:
+    """Return the test of break-away torque for the side that is driven."""
     return ReducerTestWork(
         settings=BreakawaySettings(),
         short=BreakawaySettings(positions=2),

@@ -130,6 +130,7 @@ def _described_flange(bench: Bench) -> FlangeInertia | None:
 
 
 def _flange_remark(flange: FlangeInertia | None) -> str:
+    """Say whether the torque that accelerates the output flange is subtracted."""
     if flange is None:
         return (
             "the inertia of the output flange isn't described: at reversals of the torque ripple, "
@@ -150,6 +151,7 @@ def _flange_angle_rad(bench: Bench, recording: SynchronousRecording, side: Side)
 
 
 def _twist_remarks(bench: Bench) -> list[str]:
+    """Say for each side whether the bench's own twist is subtracted."""
     if not bench.twists:
         return ["the bench's own twist isn't known: it is attributed to the reducer"]
     return [
@@ -216,6 +218,7 @@ def _mark_key_points(whole: Axes, near: Axes, result: HysteresisResult) -> None:
 
 
 def _figures(result: HysteresisResult) -> tuple[tuple[str, str], ...]:
+    """Return the diagram of the loops with its caption."""
     caption = (
         "Output angle relative to the locked input over output torque, corrected for the bench's "
         "own twist if it is known; each loop is centred at zero. Below: the first loop's key "

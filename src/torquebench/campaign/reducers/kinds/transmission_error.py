@@ -160,6 +160,7 @@ def _over_strokes(result: SwingsResult) -> str:
 
 
 def _figures(result: TransmissionErrorResult | SwingsResult) -> tuple[tuple[str, str], ...]:
+    """Return the diagrams over strokes, or over the revolution, with captions."""
     if isinstance(result, SwingsResult):
         strokes = (
             "Output angle minus input angle divided by the ratio, mean removed, stroke by stroke."
