@@ -9,7 +9,6 @@ import errno
 import io
 import os
 import re
-import secrets
 import shutil
 import stat
 import sys
@@ -125,7 +124,7 @@ def replacing(target: Path, ending: str = "", *, private: bool = False) -> Itera
         target, os.W_OK
     ):  # the folder's permissions alone would allow it
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(target))
-    part = target.parent / f".{target.name}.{secrets.token_hex(4)}.part{ending}"
+    part = target.parent / f".{target.name}.{os.urandom(4).hex()}.part{ending}"
     try:
         part.touch(0o600 if private else 0o666, exist_ok=False)
         if target.exists():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 import os
 import threading
 from pathlib import Path
@@ -17,6 +16,8 @@ def end_with_parent() -> None:
     A killed process can't end its children: without this, they would wait for work forever. Only
     processes that `multiprocessing` has started know their parent; others continue.
     """
+    import multiprocessing  # imported late: most commands need no other process
+
     parent = multiprocessing.parent_process()
     if parent is None:
         return

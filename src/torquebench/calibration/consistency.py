@@ -422,7 +422,7 @@ class _Description:
             value = 0.5 * float(error @ weighted) + half_log + 0.5 * float(away @ away)
             slope = precision - np.outer(weighted, weighted)
             gradient = away / self.prior_sd
-            gradient[:-2] += powers * np.einsum("ij,kij->k", slope, self.shapes)
+            gradient[:-2] += powers * (self.shapes.reshape(powers.size, -1) @ slope.ravel())
             # The last two amplitudes are those of the noise and of its growth with torque.
             grown = np.exp(amplitudes[-1]) * self.square
             on_diagonal = np.diag(slope) * noise

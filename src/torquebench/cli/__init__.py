@@ -155,7 +155,10 @@ def _command(name: str, *, listed: bool = False) -> Any:
     elif found is not None:
         app.command(name)(found)
         add_output_options(app)
-    below = [each for each in OPERATIONS if found is None and f"{each} ".startswith(f"{name} ")]
+    below: list[str] = []
+    if found is None:
+        one = name in OPERATIONS  # without a search for plugins if torquebench has it
+        below = [name] if one else [each for each in OPERATIONS if each.startswith(f"{name} ")]
     for each in below:
         app.command(each.rpartition(" ")[2])(_operation(each))
     return typer.main.get_command(app) if found is not None or below else None
@@ -298,6 +301,8 @@ def _run(arguments: list[str]) -> int:
 def main() -> None:
     """Run the command line and exit with 0 (done), 1 (a check failed) or 2 (bad input)."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+    # The search for Pydantic's plugins reads the description of every installed package.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     # Without this, garbage collection during the imports takes a quarter of the imports' time in a
     # command that opens a bench.
     gc.set_threshold(50_000, 20, 50)

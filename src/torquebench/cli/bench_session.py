@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 from torquebench.bench.prompts import PromptQueue, QueuedOperator
 from torquebench.campaign.measuring import RunAbortedError
-from torquebench.cli.compiling import telling_compilation
 from torquebench.cli.recovered import tell_recovered, tell_warnings
+from torquebench.cli.terminal.compilation import telling_compilation
 from torquebench.cli.terminal.console import note, say, stderr_console
 from torquebench.cli.terminal.interrupts import BenchInterrupts
 from torquebench.cli.terminal.presence import attending

@@ -166,7 +166,7 @@ def _measured(
     """Run the demo; return its result, and the report, whose figures a second process draws."""
     from torquebench.campaign.demo import run_demo
     from torquebench.cli.bench_session import open_bench
-    from torquebench.cli.compiling import second_process
+    from torquebench.cli.second_process import second_process
     from torquebench.reports.demo_report import demo_page
     from torquebench.reports.module_report import module_sections
 

@@ -210,7 +210,7 @@ def check_output(path: Path, *inputs: Path, endings: Sequence[str] = ()) -> Path
         Where the folder doesn't exist, the path is a folder, an input or another output, or the
         suffix is that of another format.
     """
-    if endings:
+    if endings and path.suffix.lower() not in endings:
         from torquebench.tables.formats import endings as endings_of_tables
 
         known = {
@@ -222,7 +222,7 @@ def check_output(path: Path, *inputs: Path, endings: Sequence[str] = ()) -> Path
             ".h",
             ".st",
             ".onnx",
-        } - set(endings)
+        }
         if path.suffix.lower() in known:
             raise InputError(
                 path.name,

@@ -319,7 +319,7 @@ def test_a_loop_that_closes_steeply_is_followed_less_finely_instead_of_for_minut
     X = features(1.002 * standard + 2.0 * branch + noise, branch)  # open at the largest torque
     model = make_model("hybrid", range_nm=2000.0).fit(X, standard)
     table = compile_table(model, uncertainty=False)
-    assert table.curve.intervals < 1 << 14
+    assert table.curve.intervals < 1 << 16
     assert 1e-6 * 2000.0 < table.bound_nm < 1e-5 * 2000.0
     reading = np.linspace(-40.0, 2040.0, 1001)
     for side in (-1.0, 1.0):

@@ -16,7 +16,7 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bars
 
-from torquebench.cli.compiling import telling_compilation
+from torquebench.cli.terminal.compilation import telling_compilation
 from torquebench.cli.terminal.console import is_quiet, stderr_console
 
 __all__ = ["Attendance", "TerminalProgress"]

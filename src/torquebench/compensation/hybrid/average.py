@@ -37,12 +37,12 @@ _PLAIN_CHANCE, _ALIKE_CHANCE = 0.1, 0.15
 _GROWING_CHANCE = 0.3  # if a plain form's noise grows
 _DRIFT_CHANCE, _TAILED_CHANCE = 0.5, 0.4
 _LIKELIEST = 4  # structures that are also tried with a drift and with heavy tails
-_UNLIKELY = 8.0  # log evidence below the best, from which on a member isn't integrated
 _TAILS_LAG = 1.0  # log evidence by which the best member with tails may be below the best without
 _FREQUENCIES = np.arange(2.0, 14.0, 0.1)  # cycles per full scale
 _HIGHEST_FREQUENCY = 0.1875  # cycles per point
 _APART = 0.5  # between the frequencies of two starts
 _KEPT_SHARE = 0.01
+_UNLIKELY = -float(np.log(_KEPT_SHARE))  # log evidence below the best of a member that isn't kept
 
 
 class _Average:

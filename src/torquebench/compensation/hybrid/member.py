@@ -45,6 +45,7 @@ _MANY, _UPPER = 200.0, 0.975  # degrees of freedom that are kept; quantile of St
 _FREEDOM = 4.0
 """Degrees of freedom of noise with heavy tails."""
 _LEAST_CURVATURE = 0.2  # of the prior's curvature; a smaller one isn't that of a normal posterior
+_CLOSE = 5e-3  # times the log posterior per point: about 0.02 of the log posterior
 _STEP = 1e-3  # step of a log hyperparameter, for differences of the gradient
 
 
@@ -255,7 +256,7 @@ def log_posterior(
     white *= prior_sd
     white *= root[:, None]
     gram = white.T @ white
-    gram[np.diag_indices_from(gram)] += 1.0
+    gram.flat[:: len(gram) + 1] += 1.0
     factor = cholesky(gram, lower=True, check_finite=False, overwrite_a=True)
     inverse = dtrtri(factor, lower=1)[0]
     y = problem.target * root
@@ -321,6 +322,8 @@ class Member:
         Covariance of the hyperparameters; empty before `integrated`.
     log_evidence : float
         Laplace's approximation; before `integrated`, an upper limit.
+    slope : float64 array of shape (p,)
+        Gradient of the log posterior at the maximum; empty if it isn't from `fitted`.
     """
 
     problem: Problem
@@ -330,6 +333,7 @@ class Member:
     log_posterior: float
     covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     log_evidence: float = float("inf")
+    slope: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def fitted(
@@ -354,9 +358,9 @@ class Member:
             jac=True,
             method="L-BFGS-B",
             bounds=list(zip(layout.low, layout.high, strict=True)),
-            options={"maxiter": iterations, "ftol": 1e-5},
+            options={"maxiter": iterations, "ftol": _CLOSE / len(problem.points)},
         )
-        return cls(problem, layout, weighting, optimum.x, -float(optimum.fun))
+        return cls(problem, layout, weighting, optimum.x, -float(optimum.fun), slope=-optimum.jac)
 
     @property
     def structure(self) -> Structure:
@@ -374,14 +378,13 @@ class Member:
         def slope(theta: FloatArray) -> FloatArray:
             return log_posterior(self.problem, layout, self.weighting.weights, theta)[1]
 
-        here = slope(self.theta)
         curvature = np.empty((self.theta.size, self.theta.size))
         for k in range(self.theta.size):
             # away from the bound, towards the prior mean
             step = _STEP if self.theta[k] <= layout.mean[k] else -_STEP
             moved = self.theta.copy()
             moved[k] += step
-            curvature[k] = (here - slope(moved)) / step
+            curvature[k] = (self.slope - slope(moved)) / step
         scaled = 0.5 * (curvature + curvature.T) * np.outer(layout.sd, layout.sd)
         values, vectors = np.linalg.eigh(scaled)
         values = np.maximum(values, _LEAST_CURVATURE)

@@ -34,6 +34,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -113,8 +114,13 @@ class Part:
 
     def scales(self, shape: FloatArray) -> Scales:
         """Return the relative prior scales of the coefficients, by default equal ones."""
-        count = self.columns(_ORIGIN, shape)[0].shape[1]
-        return np.zeros(count), np.zeros((count, shape.size))
+        return np.zeros(self._width), np.zeros((self._width, shape.size))
+
+    @cached_property
+    def _width(self) -> int:
+        """Number of columns."""
+        middle = np.exp([prior.mean for prior in self.shape])
+        return int(self.columns(_ORIGIN, middle)[0].shape[1])
 
 
 _ORIGIN = Points(np.zeros(1), np.zeros(1))

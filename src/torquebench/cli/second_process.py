@@ -1,4 +1,4 @@
-"""A message while kernels are compiled, and a second process for computations."""
+"""A second process for computations."""
 
 from __future__ import annotations
 
@@ -6,48 +6,13 @@ import contextlib
 import multiprocessing
 import os
 import signal
-import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from typing import TypeVar
 
-from rich.console import Console
-
-from torquebench.cli.terminal.console import is_quiet
 from torquebench.processes import end_with_parent
 
-__all__ = ["SecondProcess", "second_process", "telling_compilation"]
-
 Result = TypeVar("Result")
-
-_TOLD = "compiling numerical kernels, once after an installation: some 15 s"
-_told = False
-
-
-@contextlib.contextmanager
-def telling_compilation(console: Console) -> Iterator[None]:
-    """Print once per process that kernels are being compiled, if the output is a terminal."""
-    if "numba" not in sys.modules or is_quiet() or not console.is_terminal:
-        yield
-        return
-    from numba.core import event
-
-    class Compiling(event.Listener):
-        def on_start(self, event: event.Event) -> None:  # noqa: ARG002 # Numba passes it by name
-            global _told
-            if not _told:
-                _told = True
-                console.print(_TOLD, style="dim")
-
-        def on_end(self, event: event.Event) -> None:
-            pass
-
-    listener = Compiling()
-    event.register("numba:compile", listener)
-    try:
-        yield
-    finally:
-        event.unregister("numba:compile", listener)
 
 
 @contextlib.contextmanager

@@ -7,7 +7,7 @@ import psutil
 
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.fitting import ModelChoice, fit_models
-from torquebench.cli.compiling import second_process
+from torquebench.cli.second_process import second_process
 
 
 def second_processes(before: set[psutil.Process]) -> list[psutil.Process]:
