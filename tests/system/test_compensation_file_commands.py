@@ -9,6 +9,7 @@ from tests.system.command_line import run, widest_line
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.fitting import store_model
 from torquebench.compensation import load_model, make_model
+from torquebench.tables.formats import endings, format_of, format_of_content
 
 RANGE = 2000.0
 
@@ -32,6 +33,15 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("model") / "model.json"
     store_model(path, fitted, data, {"noise_nm": float(fitted.noise_nm_)})
     return path
+
+
+def test_readings_are_compensated_into_every_written_format(model: Path, tmp_path: Path) -> None:
+    (tmp_path / "readings.csv").write_text("reading_nm\n100\n-250.5\n")
+    for ending in endings(written=True):
+        done = run("apply", model, "readings.csv", "--out", f"t{ending}", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        file = tmp_path / f"t{ending}"
+        assert format_of_content(file, file.read_bytes()[:64]) is format_of(file)
 
 
 def test_a_model_is_exported_by_the_ending_of_the_file(model: Path, tmp_path: Path) -> None:

@@ -202,7 +202,7 @@ def check_output(path: Path, *inputs: Path, endings: Sequence[str] = ()) -> Path
     *inputs : pathlib.Path
         Input files, which must not be overwritten; ``-`` is standard input.
     endings : sequence of str, optional
-        Suffixes of the format that is written; those of other formats are refused.
+        Suffixes of the format that is written, or "table"; those of other formats are refused.
 
     Raises
     ------
@@ -213,6 +213,8 @@ def check_output(path: Path, *inputs: Path, endings: Sequence[str] = ()) -> Path
     if endings and path.suffix.lower() not in endings:
         from torquebench.tables.formats import endings as endings_of_tables
 
+        if "table" in endings:
+            endings = endings_of_tables(written=True)
         known = {
             *endings_of_tables(),
             ".json",

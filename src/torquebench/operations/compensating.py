@@ -172,9 +172,9 @@ class ApplyRequest(TorqueTable):
     out: Annotated[
         Path,
         field(
-            "The CSV or Parquet file to write.",
+            "The table to write, in any format that is written; its ending states which.",
             title="File",
-            output=(".csv", ".txt", ".tsv", ".parquet"),
+            output=("table",),
             examples=("torque.csv",),
         ),
     ]

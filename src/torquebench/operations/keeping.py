@@ -235,10 +235,10 @@ def run_backup(place: Place, request: BackupRequest, progress: Progress) -> Back
         ),
         remarks=(
             *(
-                f"{file} lies outside the data directory and isn't in the backup"
+                Message("{file} lies outside the data directory and isn't in the backup", file)
                 for file in done.outside
             ),
-            *(f"not copied: {problem}" for problem in done.problems),
+            *(Message("not copied: {problem}", problem) for problem in done.problems),
         ),
         runs=done.runs,
         known_runs=done.known_runs,
@@ -290,7 +290,7 @@ def run_restore(place: Place, request: RestoreRequest, progress: Progress) -> Re
             len(done.replaced),
             len(done.kept),
         ),
-        remarks=tuple(f"the backup doesn't have {name}" for name in done.missing),
+        remarks=tuple(Message("the backup doesn't have {name}", name) for name in done.missing),
         restored=done.restored,
         replaced=done.replaced,
         kept=done.kept,
@@ -346,10 +346,10 @@ def run_rebuild(place: Place, _request: RebuildRequest, progress: Progress) -> R
         ),
         remarks=(
             *(
-                f"run {run_id} has no model: `torquebench records finish {run_id}` fits it"
-                for run_id in done.unfitted
+                Message("run {run} has no model: `torquebench records finish {run}` fits it", run)
+                for run in done.unfitted
             ),
-            *(f"not entered: {problem}" for problem in done.problems),
+            *(Message("not entered: {problem}", problem) for problem in done.problems),
         ),
         anew=done.anew,
         mended=done.mended,

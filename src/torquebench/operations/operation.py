@@ -251,7 +251,7 @@ def field(
     local : bool
         Whether only the command has the field: a file on this computer, or a typed name.
     output : tuple of str
-        Suffixes of an output file, or "folder".
+        Suffixes of an output file, "table" for those of all written tables, or "folder".
     file : bool
         Whether a text may also be the path of a file.
     examples : tuple

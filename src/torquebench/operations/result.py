@@ -11,7 +11,16 @@ from torquebench.message import Message
 from torquebench.reports.page import Facts, Page, Section
 from torquebench.units import title_of_name, unit_of_name
 
-__all__ = ["HIDDEN", "ArrayOf", "Decision", "ExplainedError", "Integers", "Numbers", "Result"]
+__all__ = [
+    "HIDDEN",
+    "ArrayOf",
+    "Decision",
+    "ExplainedError",
+    "Integers",
+    "Numbers",
+    "Result",
+    "stated",
+]
 
 HIDDEN = {"hidden": True}
 """Metadata of a result's field that isn't part of its JSON."""
@@ -82,12 +91,12 @@ class Result:
         """Return its description for terminal, panel, HTML and PDF: by default its values."""
         common = {each.name for each in fields(Result)}
         facts = [
-            (title_of_name(each.name), _stated(getattr(self, each.name), unit_of_name(each.name)))
+            (title_of_name(each.name), stated(getattr(self, each.name), unit_of_name(each.name)))
             for each in fields(self)
             if each.name not in common
         ]
-        stated = Facts([(name, value) for name, value in facts if value])
-        return Page(self.headline, "", [Section("", "", [stated])], simulated=self.simulated)
+        blocks = [Facts([(name, value) for name, value in facts if value])]
+        return Page(self.headline, "", [Section("", "", blocks)], simulated=self.simulated)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +117,8 @@ class ExplainedError(InputError):
         return (type(self), (self.found, self.allowed, self.remedy, self.page))
 
 
-def _stated(value: Any, unit: str) -> str:
+def stated(value: Any, unit: str = "") -> str:
+    """Return a value as text with its unit; empty if there is none."""
     if value is None or value == "":
         return ""
     if isinstance(value, bool):
@@ -116,5 +126,5 @@ def _stated(value: Any, unit: str) -> str:
     if isinstance(value, float):
         return Message("{value:.6g} {unit}", value, unit) if unit else f"{value:.6g}"
     if isinstance(value, list | tuple):
-        return Message.joined(_stated(each, unit) for each in value)
+        return Message.joined(stated(each, unit) for each in value)
     return value if isinstance(value, str) else str(value)

@@ -20,7 +20,8 @@ from fastapi import FastAPI
 from torquebench import cli
 from torquebench.operations import find_operation, parameters
 from torquebench.panel.api import create_api
-from torquebench.panel.service import BenchService
+from torquebench.panel.service import BenchService, JobView
+from torquebench.reports.page import Facts, Page, Table
 from torquebench.testing.accounts import PASSWORD, people_of
 
 __all__ = ["Interfaces", "OperationContract"]
@@ -100,6 +101,14 @@ class Interfaces:
             job = self.http("GET", f"/jobs/{job['job_id']}").json()
         return job["result"] or job["problem"], self.service.jobs.get(job["job_id"])
 
+    def stored(self, job_id: str) -> JobView:
+        """Return a job as it is stored for the time after a restart."""
+        log, deadline = self.service.jobs.log, time.monotonic() + 60.0
+        while job_id not in [each.job_id for each in log.newest(5)]:
+            assert time.monotonic() < deadline, job_id
+            time.sleep(0.05)
+        return log.job(job_id)
+
     def by_command(self, name: str, values: dict[str, Any]) -> tuple[int, dict[str, Any]]:
         """Return exit code and JSON of the command."""
         operation = find_operation(name)
@@ -123,6 +132,19 @@ class Interfaces:
         if operation.where != "files":
             words += ["--data", str(self.folder)]
         return self.command(*words, "--json")
+
+
+def texts_of(page: Page) -> list[tuple[str, ...]]:
+    """Return the texts of a page in their order, without figures."""
+    texts: list[tuple[str, ...]] = []
+    for section in page.sections:
+        texts.append((section.heading, section.text))
+        for block in section.blocks:
+            if isinstance(block, Table):
+                texts += [tuple(block.header), *map(tuple, block.rows)]
+            elif isinstance(block, Facts):
+                texts += map(tuple, block.items)
+    return texts
 
 
 def words_of(text: str) -> str:
@@ -223,6 +245,10 @@ class OperationContract:
         assert words_of(answer["headline"]) == words_of(result["headline"])
         if job is not None:
             assert job.result.plain().keys() == result.keys()
+            stored = interfaces.stored(job.job_id).result
+            assert stored is not None
+            assert stored.plain() == job.result.plain()
+            assert texts_of(stored.page()) == texts_of(job.result.page())
 
     def test_a_refusal_is_the_same(
         self, interfaces: Interfaces, refused_request: tuple[str, dict[str, Any]]

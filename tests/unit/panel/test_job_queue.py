@@ -16,6 +16,8 @@ from torquebench.panel.service import (
     PermissionDeniedError,
     QueueView,
 )
+from torquebench.panel.text import Text
+from torquebench.testing.operations import texts_of
 
 CHIEF = Actor("Chief", "administrator", "chief")
 ANA = Actor("ana", "metrologist", "client-1", "client")
@@ -138,3 +140,26 @@ def test_a_queue_waits_after_a_restart(tmp_path: Path) -> None:
         view = service.queue.view()
         assert [item.number for item in view.items] == [number]
         assert not view.running
+
+
+def test_results_have_an_address_that_outlives_the_server(tmp_path: Path) -> None:
+    with BenchService.open(None, tmp_path, fast=True) as first:
+        first.clients.add(CHIEF, ANA.name, ANA.role)
+        for each in (FAILS, ("records list", {})):
+            first.queue.add(ANA, *each)
+        first.queue.start(ANA, keep_going=True)
+        history = until(first.queue.view, lambda view: not view.running).history
+        numbers = [item.job_id for item in history]
+        check = first.jobs.get(numbers[1])
+    with BenchService.open(None, tmp_path, fast=True) as service:
+        assert {each.job_id for each in service.jobs.last()} == set(numbers)
+        listed, again = map(service.jobs.get, numbers)
+        assert listed.kind == "records-list"
+        assert again.result is not None
+        assert check.result is not None
+        assert again.result.plain() == check.result.plain()
+        assert (again.finished, again.stages) == (check.finished, check.stages)
+        assert Text("zh").core(again.result.headline) == Text("zh").core(check.result.headline)
+        assert texts_of(again.result.page()) == texts_of(check.result.page())
+        with pytest.raises(NotFoundError):
+            service.jobs.get("0" * 12)

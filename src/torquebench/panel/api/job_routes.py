@@ -37,13 +37,13 @@ JobId = Annotated[str, Path(pattern=r"^[0-9a-f]{12}$")]
 
 @router.get("/jobs")
 def jobs(service: Watched) -> list[JobView]:
-    """Return the last jobs, the newest first."""
-    return service.jobs.recent()
+    """Return the last jobs, also those before the server's start, the newest first."""
+    return service.jobs.last()
 
 
 @router.get("/jobs/{job_id}")
 def job(service: Watched, job_id: JobId) -> JobView:
-    """Return the present state of a job."""
+    """Return the present state of a job, or a job that ended with its result."""
     return service.jobs.get(job_id)
 
 

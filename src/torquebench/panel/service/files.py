@@ -73,6 +73,10 @@ class FileStore:
         (self.folder / folder).mkdir()
         return f"{folder}/{plain}"
 
+    def has(self, reference: str) -> bool:
+        """Return whether a file is still kept."""
+        return bool(_REFERENCE.fullmatch(reference)) and (self.folder / reference).is_file()
+
     def path(self, reference: str) -> Path:
         """Return the path of a stored file.
 

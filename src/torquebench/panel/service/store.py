@@ -39,7 +39,7 @@ from torquebench.records.registry.database import database_failures, engine_of
 
 __all__ = ["PANEL_FILE", "Event", "PanelStore", "changes", "clients", "failures", "queue", "users"]
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 
 
 class MessageText(TypeDecorator[str]):
@@ -102,6 +102,7 @@ job_log = _table(
     Column("told", Boolean, nullable=False),
     key="job_id",
 )
+results = _table("results", "job_id view", key="job_id")
 queue = _table(
     "queue",
     "kind request who state verdict added job_id",

@@ -134,9 +134,10 @@ def formats() -> tuple[Format, ...]:
     return tuple(sorted(found, key=lambda each: (each.order, each.name)))
 
 
-def endings() -> tuple[str, ...]:
-    """Return the endings of all formats that are read."""
-    return tuple(ending for each in formats() for ending in each.endings)
+def endings(*, written: bool = False) -> tuple[str, ...]:
+    """Return the endings of all formats that are read, or of those that are written, too."""
+    known = (each for each in formats() if each.writer is not None or not written)
+    return tuple(ending for each in known for ending in each.endings)
 
 
 def reads() -> str:

@@ -180,7 +180,8 @@ class JobPanel:
     def _render_head(self, job: JobView) -> None:
         text = self._text
         with refilled(self._head):
-            words("h2", text.core(job.title))
+            with box("h2"):
+                words("a", text.core(job.title), href=f"/jobs/{job.job_id}")
             kind, picture = STATES[job.state]
             tag(text(f"job.state_{job.state}"), kind, picture)
 

@@ -96,10 +96,10 @@ def download(visitor: Visitor, reference: str) -> None:
 
 
 def file_buttons(visitor: Visitor, files: Sequence[str]) -> None:
-    """Add a download button for each file that an operation has written."""
-    if files:
+    """Add a download button for each file that an operation has written and that is still kept."""
+    if kept := [each for each in files if visitor.service.files.has(each)]:
         with box("div", "line"):
-            for each in files:
+            for each in kept:
                 name = each.partition("/")[2]
                 action = partial(visitor.attempt, partial(download, visitor, each))
                 label = visitor.text("certificate.fetch", name=name)

@@ -29,6 +29,7 @@ __all__ = [
     "operation_buttons",
     "operation_dialog",
     "operations_page",
+    "show_description",
     "show_result",
     "unsuccessful",
 ]
@@ -44,9 +45,14 @@ def show_result(visitor: Visitor, result: Any) -> None:
     text = visitor.text
     verdict = text.verdict(result.verdict)
     note(text.core(result.headline), verdict_kind(result.verdict), title=verdict)
-    remarks(text, result.remarks)
+    show_description(visitor, result)
+
+
+def show_description(visitor: Visitor, result: Any) -> None:
+    """Show a result's warnings, files, and description."""
+    remarks(visitor.text, result.remarks)
     file_buttons(visitor, result.files)
-    show_page(text, result.page())
+    show_page(visitor.text, result.page())
 
 
 def describe(text: Text, operation: Operation) -> None:
@@ -145,9 +151,7 @@ class _OperationPage:
         self._entry.set_visibility(job is None or not job.open)
         with refilled(self._result):
             if job is not None and job.result is not None:
-                file_buttons(self._visitor, job.result.files)
-                show_page(self._text, job.result.page())
-                remarks(self._text, job.result.remarks)
+                show_description(self._visitor, job.result)
 
 
 def _given(visitor: Visitor) -> dict[str, Any]:

@@ -1,9 +1,11 @@
-"""The queue on the page of operations: order, start, pause, history."""
+"""The queue on the page of operations: order, start, pause; and the history of operations."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+
+from nicegui import ui
 
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.elements import (
@@ -30,7 +32,7 @@ class QueuePanel:
 
     def __init__(self, visitor: Visitor) -> None:
         self._visitor, self._text, self._queue = visitor, visitor.text, visitor.service.queue
-        self._shown: QueueView | None = None
+        self._shown: tuple[QueueView, int] | None = None
 
     def build(self) -> None:
         """Make the panel's elements."""
@@ -44,10 +46,10 @@ class QueuePanel:
 
     def refresh(self) -> None:
         """Show the queue's present state if it has changed."""
-        view = self._queue.view()
-        if view == self._shown:
+        view, ended = self._queue.view(), self._visitor.service.jobs.ended
+        if (view, ended) == self._shown:
             return
-        self._shown = view
+        self._shown = view, ended
         with refilled(self._state):
             self._show_state(view)
         with refilled(self._items):
@@ -59,7 +61,7 @@ class QueuePanel:
             else:
                 words("p", self._text.core("Nothing waits. Every operation can be added."), "muted")
         with refilled(self._history):
-            self._show_history(view)
+            self._show_history()
 
     def _show_state(self, view: QueueView) -> None:
         text = self._text
@@ -92,19 +94,26 @@ class QueuePanel:
                 remove = partial(self._change, self._queue.remove, item.number)
                 button(text.core("Remove"), remove, "quiet small", picture="close")
 
-    def _show_history(self, view: QueueView) -> None:
-        text = self._text
+    def _show_history(self) -> None:
+        """List the last operations, from the queue or not; each opens its result."""
+        text, jobs = self._text, self._visitor.service.jobs.log.newest(SHOWN)
         rows = [
             (
-                each.finished or each.added,
+                each.started,
                 text.core(each.title),
-                text.verdict(each.verdict) if each.verdict else text.core(each.state),
+                text.verdict(each.verdict) or text(f"job.state_{each.state}"),
                 text.core(each.headline),
             )
-            for each in view.history[:SHOWN]
+            for each in jobs
         ]
-        columns = [(text.core(each), False) for each in ("ended", "operation", "state", "result")]
-        table(text.core("History"), columns, rows)
+        columns = [(text.core(each), False) for each in ("started", "operation", "state", "result")]
+        table(
+            text.core("History"),
+            columns,
+            rows,
+            on_row=lambda row: ui.navigate.to(f"/jobs/{jobs[row].job_id}"),
+            open_label=text.core("Open"),
+        )
 
     def _change(self, action: Callable[..., None], *arguments: int) -> None:
         self._visitor.act(action, *arguments)

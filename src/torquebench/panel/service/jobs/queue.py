@@ -49,7 +49,7 @@ class QueueItem:
     headline, verdict : str
         Headline and verdict of its result; without a result, the reason.
     job_id : str
-        Its job; empty before its start, and for operations that aren't jobs.
+        Its job; empty before its start.
     added, finished : datetime.datetime
         UTC; `finished` is None before.
     """
@@ -301,11 +301,11 @@ class JobQueue:
     def _have_done(self, row: Row[Any], actor: Actor) -> None:
         operation, request = _asked(row)
         if operation.quick:
-            result = self._jobs.perform(actor, operation.name, request)
-            self._ended(row.id, "done", result.headline, result)
-            return
-        job = self._jobs.start(actor, operation.name, request, bench_clear=True)
-        self._set(row.id, state="running", job_id=job.job_id)
+            job = self._jobs.perform_and_store(actor, operation.name, request)
+        else:
+            job = self._jobs.start(actor, operation.name, request, bench_clear=True)
+            self._set(row.id, state="running")
+        self._set(row.id, job_id=job.job_id)
         while job.open:
             job = self._jobs.wait(job.job_id, POLL_S)
         found = "" if job.problem is None else job.problem.found

@@ -214,6 +214,16 @@ class JobRunner:
         self._on_done(found)
         return result
 
+    def perform_and_store(self, actor: Actor, kind: str, request: Request) -> JobView:
+        """Perform an operation that isn't a job, and store it with its result as one."""
+        job = Job(_operation(kind), request, actor)
+        job.end("done", result=self.perform(actor, kind, request))
+        view = job.view()
+        self.log.began(actor, view, told=True)
+        self.log.ended(view)
+        self.log.store(view)
+        return view
+
     def start(
         self,
         actor: Actor,
@@ -350,6 +360,7 @@ class JobRunner:
         self.ended += 1
         found = "" if problem is None else problem.found
         self._note(job.actor, "a job ended", job_id=view.job_id, state=state, found=found)
+        self.log.store(view)
 
     def _document(self, name: str, document: Mapping[str, Any]) -> None:
         job = self._current
@@ -380,22 +391,31 @@ class JobRunner:
         return self._current is not None
 
     def get(self, job_id: str) -> JobView:
-        """Return an open job, or one of the last twenty.
+        """Return a job, also one that ended before the server was started.
 
         Raises
         ------
         NotFoundError
             No job has this identifier.
         """
-        return self._view(self._job(job_id))
+        job = self._jobs.get(job_id)
+        return self.log.job(job_id) if job is None else self._view(job)
 
     def wait(self, job_id: str, timeout_s: float) -> JobView:
         """Wait for the end of a job or a timeout, and return the job."""
         self._job(job_id).ended.wait(timeout_s)
         return self.get(job_id)
 
+    def last(self) -> list[JobView]:
+        """Return the last twenty jobs, also those before the server's start, the newest first."""
+        recent = self.recent()
+        known = {each.job_id for each in recent}
+        earlier = () if len(recent) >= KEPT else self.log.newest(KEPT)
+        stored = [self.log.job(each.job_id) for each in earlier if each.job_id not in known]
+        return [*recent, *stored][: max(KEPT, len(recent))]
+
     def recent(self) -> list[JobView]:
-        """Return the last twenty jobs, the newest first."""
+        """Return the last twenty jobs since the server's start, the newest first."""
         with self._lock:
             jobs = list(self._jobs.values())
         return [self._view(job) for job in reversed(jobs)]
