@@ -3,8 +3,10 @@
 import csv
 import re
 from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 import pytest
 from selenium.webdriver.common.action_chains import ActionChains
@@ -200,6 +202,88 @@ def test_channels_and_scales_are_kept_for_the_person(person: Visitor) -> None:
     assert person.problems() == []
 
 
+def moments(address: str) -> list[float]:
+    """Return the ends of the span in an address, s since 1970."""
+    query = parse_qs(urlsplit(address).query)
+    return [datetime.fromisoformat(query[key][0]).timestamp() for key in ("from", "to")]
+
+
+def choose_view(person: Visitor, view: str) -> None:
+    person.driver.find_element(By.CSS_SELECTOR, f"[aria-label='{view}']").click()
+
+
+def test_a_channel_is_computed_by_a_formula_whose_unit_is_checked(person: Visitor) -> None:
+    person.open("/")
+    choose_tool(person, "Computed channels")
+    person.choose("Example", "power")
+    assert person.field("Formula").get_attribute("value") == "output_torque * output_speed"
+    person.fill("Name", "Twice the raw torque")
+    person.fill("Formula", "2 * output_raw")
+    person.press("Add")
+    person.sees("'2 * output_raw' is in N·m, which is no multiple of W")
+    person.choose("Unit of the result", "N·m")
+    person.press("Add")
+    person.sees("= 2 * output_raw, N·m")
+    assert person.axe() == []
+    person.press("Close", within="//div[contains(@class, 'sheet')]")
+    values = "return [...document.querySelectorAll('.trend-values tbody tr')].map((row) => "
+    values += (
+        "[row.children[0].textContent, Number(row.children[3].textContent.replace('−', '-'))])"
+    )
+
+    def twice() -> bool:
+        rows = dict(person.driver.execute_script(values))
+        found = rows.get("Twice the raw torque, N·m"), rows.get("Output, raw torque, N·m")
+        return None not in found and abs(found[0] - 2.0 * found[1]) < 0.02
+
+    person.wait(twice, "twice the mean of the raw torque")
+    person.open("/")
+    person.wait(twice, "the same channel after loading the page anew")
+    choose_tool(person, "Computed channels")
+    person.press("Remove", within="//div[contains(@class, 'sheet')]")
+    person.wait(lambda: "2 * output_raw" not in person.text, "a removed channel")
+    person.press("Close", within="//div[contains(@class, 'sheet')]")
+    person.wait(lambda: len(option(person, "series")) == 8, "the usual lines")
+
+
+def test_an_address_leads_to_view_layout_and_span(person: Visitor, tmp_path: Path) -> None:
+    person.open("/")
+    choose_view(person, "Large numbers")
+    large = "return [...document.querySelectorAll('.digits b')].map((each) => each.textContent)"
+    person.wait(lambda: "0.00 rpm" in person.driver.execute_script(large), "large numbers")
+    assert person.axe() == []
+    choose_view(person, "XY plot")
+    person.wait(lambda: option(person, "xAxis[0]?.name") == "Output, shaft angle, °", "an XY plot")
+    choose_tool(person, "Channels")
+    person.choose("Horizontal", "input_raw_nm")
+    assert person.axe() == []
+    person.press("Apply")
+    person.wait(lambda: option(person, "xAxis[0]?.name") == "Input, raw torque, N·m", "another x")
+    pairs = "series.flatMap((line) => line.data).filter(([x, y]) => x < 0 && y !== null).length"
+    person.wait(lambda: option(person, pairs) > 20, "pairs of readings")
+    person.press("1 min")
+    person.press("◂")
+    person.wait(lambda: "from=" in person.driver.current_url, "the span in the address")
+    address = person.driver.current_url.removeprefix(person.panel.url)
+    with browser(person.panel, tmp_path) as other:
+        other.sign_in("Ben", "/")
+        other.open(address)
+        other.wait(lambda: option(other, "xAxis[0]?.name") == "Input, raw torque, N·m", "the view")
+        other.wait(lambda: "from=" in other.driver.current_url, "the held span")
+        ends = [moments(each.driver.current_url) for each in (person, other)]
+        assert ends[0] == pytest.approx(ends[1], abs=1.0)
+        pressed = other.driver.find_elements(By.CSS_SELECTOR, "[aria-pressed=true]")
+        assert [each.text for each in pressed] == ["timeline", "1 min"]
+        other.open("/")  # what he looked at isn't his own layout
+        other.wait(lambda: option(other, "grid.length") == 3, "his own layout")
+    choose_tool(person, "Channels")
+    person.press("Restore the default")
+    person.press("10 s")
+    choose_view(person, "Charts over time")
+    person.wait(lambda: option(person, "grid.length") == 3, "charts over time")
+    assert person.problems() == []
+
+
 def test_a_span_is_shown_as_spectrum_and_histogram(person: Visitor) -> None:
     person.open("/")
     choose_tool(person, "Spectrum")
@@ -239,7 +323,7 @@ def test_the_chart_is_saved_as_picture_and_table(person: Visitor, folder: Path) 
 
 def test_signals_are_recorded_on_demand(person: Visitor) -> None:
     person.open("/")
-    person.press("Record signals")
+    person.press("Record", within="//div[@role='toolbar']")
     person.fill("Name", "run-down")
     person.fill("Note", "without the coupling")
     person.choose("When it starts", "level")
@@ -285,7 +369,7 @@ def drawn(person: Visitor) -> list[str]:
 def test_runs_are_laid_over_each_other_at_an_address(person: Visitor) -> None:
     person.open("/")
     for name in ("first", "second"):
-        person.press("Record signals")
+        person.press("Record", within="//div[@role='toolbar']")
         person.fill("Name", name)
         person.fill("Length", "0.5")
         confirm_recording(person)

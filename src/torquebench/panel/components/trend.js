@@ -69,25 +69,30 @@ export default {
     <div class="trend-box">
       <div class="trend-tools" role="toolbar" :aria-label="words.tools">
         <slot></slot>
-        <span class="group">
+        <span v-if="!digits.length" class="group">
           <button type="button" class="control small" :class="{ primary: held }" :disabled="!held" @click="follow">{{ words.live }}</button>
           <button type="button" class="control small" :aria-label="words.zoom_in" :title="words.zoom_in" @click="zoom(0.5)">+</button>
           <button type="button" class="control small" :aria-label="words.zoom_out" :title="words.zoom_out" @click="zoom(2)">−</button>
           <button type="button" class="control small" :aria-label="words.earlier" :title="words.earlier" @click="pan(-0.5)">◂</button>
           <button type="button" class="control small" :aria-label="words.later" :title="words.later" @click="pan(0.5)">▸</button>
         </span>
-        <button type="button" class="control small" :aria-pressed="String(cursors !== null)" @click="switchCursors">{{ words.cursors }}</button>
+        <button v-if="!x && !digits.length" type="button" class="control small" :aria-pressed="String(cursors !== null)" @click="switchCursors">{{ words.cursors }}</button>
         <details class="menu" ref="menu" @click="pressed" @keydown.esc="closeMenu" @focusout="left">
           <summary class="control small">{{ words.more }}</summary>
           <div>
             <slot name="menu"></slot>
-            <button type="button" class="control quiet small" :aria-pressed="String(peaks)" @click="switchPeaks">{{ words.peaks }}</button>
-            <button type="button" class="control quiet small" @click="picture">{{ words.picture }}</button>
-            <button type="button" class="control quiet small" @click="table">{{ words.table }}</button>
+            <template v-if="!digits.length">
+              <button type="button" class="control quiet small" :aria-pressed="String(peaks)" @click="switchPeaks">{{ words.peaks }}</button>
+              <button type="button" class="control quiet small" @click="picture">{{ words.picture }}</button>
+              <button type="button" class="control quiet small" @click="table">{{ words.table }}</button>
+            </template>
           </div>
         </details>
       </div>
-      <div class="trend-place" ref="place">
+      <ul v-if="digits.length" class="digits">
+        <li v-for="(each, index) in digits" :key="each.name" :style="{ borderColor: colour(each.colour) }">{{ each.title }}<b class="number">{{ large[index] ?? "—" }} <span class="unit">{{ each.unit }}</span></b></li>
+      </ul>
+      <div class="trend-place" ref="place" v-show="!digits.length">
         <div class="trend" ref="plot" role="img" tabindex="0" :aria-label="label" @keydown="key"></div>
         <div v-for="(cursor, index) in shownCursors" class="cursor" role="slider" tabindex="0"
              :style="{ left: cursor.x + 'px' }" :key="index" :aria-label="words.cursor + ' ' + 'AB'[index]"
@@ -95,7 +100,7 @@ export default {
              @pointerdown.stop="grab(index, $event)" @keydown.stop="moveCursor(index, $event)"><span>{{ "AB"[index] }}</span></div>
         <div v-if="band" class="zoom-band" :style="{ left: band.left + 'px', width: band.width + 'px' }"></div>
       </div>
-      <div class="scroll" tabindex="0" role="region" :aria-label="words.values">
+      <div v-show="!digits.length" class="scroll" tabindex="0" role="region" :aria-label="words.values">
         <table class="data compact trend-values">
           <thead><tr>
             <th scope="col">{{ heading }}</th>
@@ -106,7 +111,7 @@ export default {
             <template v-if="cursors"><th scope="col" class="number">A</th><th scope="col" class="number">B</th><th scope="col" class="number">B − A</th></template>
           </tr></thead>
           <tbody>
-            <tr v-for="row in values" :key="row.title"><th scope="row"><span class="key" :style="{ background: row.colour }"></span>{{ row.title }}, {{ row.unit }}</th><td v-for="(value, index) in row.values" :key="index" class="number">{{ value }}</td></tr>
+            <tr v-for="row in values" :key="row.title"><th scope="row"><span class="key" :style="{ background: row.colour }"></span>{{ row.title }}{{ row.unit && ", " + row.unit }}</th><td v-for="(value, index) in row.values" :key="index" class="number">{{ value }}</td></tr>
           </tbody>
         </table>
       </div>
@@ -115,13 +120,15 @@ export default {
     label: String,
     words: Object,
     series: Array, // {name, title, unit, grid, axis, colour, dashed, decimals}
+    x: Object, // horizontal signal of an XY plot, as a series
+    digits: { type: Array, default: () => [] }, // signals shown as large numbers, as series
     grids: Array, // {title, floor, second, secondFloor, ends}
     places: Object, // element ids of numbers by signal: {id, decimals}
     region: String, // what goes grey
     name: String, // of files that are saved
   },
   data() {
-    return { held: false, cursors: null, shownCursors: [], peaks: false, band: null, values: [], heading: "" };
+    return { held: false, cursors: null, shownCursors: [], peaks: false, band: null, large: [], values: [], heading: "" };
   },
   mounted() {
     this.seconds = 10;
@@ -169,10 +176,15 @@ export default {
   watch: {
     series: { handler() { this.layout(); }, deep: true },
     grids: { handler() { this.layout(); }, deep: true },
+    x: { handler() { this.layout(); }, deep: true },
   },
   methods: {
     colour(name) {
       return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+    },
+    // All signals whose rows are kept: those drawn, and the horizontal one of an XY plot first.
+    signals() {
+      return this.x ? [this.x, ...this.series.filter(({ name }) => name !== this.x.name)] : this.series;
     },
     layout() {
       if (!this.chart) return;
@@ -186,10 +198,17 @@ export default {
       this.right = this.grids.some((each) => each.second) ? (narrow ? 50 : 70) : 18;
       const grid = [], xAxis = [], yAxis = [], legend = [];
       this.axes = [];
+      this.along = { room: this.plot.clientWidth - this.left - this.right, floor: 0.01, low: 0, high: 1 };
+      const foot = this.x ? 24 : 0;
       this.grids.forEach((each, place) => {
         const top = place * part + 26;
-        grid.push({ left: this.left, right: this.right, top, height: part - 34 });
-        xAxis.push({
+        grid.push({ left: this.left, right: this.right, top, height: part - 34 - foot });
+        xAxis.push(this.x ? {
+          type: "value", gridIndex: place, min: 0, max: 1, animation: false, name: this.x.title + (this.x.unit && ", " + this.x.unit),
+          nameLocation: "middle", nameGap: 28, nameTextStyle: { color: ink, fontSize: 13 },
+          axisLabel: { color: ink, fontSize: 13, formatter: numberText }, axisLine: { onZero: false, lineStyle: { color: line } },
+          splitLine: { show: true, lineStyle: { color: line, opacity: 0.5 } },
+        } : {
           type: "time", gridIndex: place, min: 0, max: 1, animation: false,
           axisLabel: { show: place === count - 1, color: ink, formatter: (ms) => clock(ms, this.fine), hideOverlap: true, fontSize: 13, showMinLabel: false, showMaxLabel: false },
           axisTick: { show: false }, axisLine: { onZero: false, lineStyle: { color: line } },
@@ -204,7 +223,7 @@ export default {
             axisLabel: { color: ink, fontSize: 13, formatter: numberText }, axisLine: { show: false, onZero: false },
             splitLine: { show: !second, lineStyle: { color: line, opacity: 0.5 } },
           });
-          this.axes.push({ room: part - 34, floor, low: 0, high: 1, ends: second ? null : (each.ends ?? null), used: text !== "" });
+          this.axes.push({ room: part - 34 - foot, floor, low: 0, high: 1, ends: second ? null : (each.ends ?? null), used: text !== "" });
         }
         legend.push({
           itemStyle: { opacity: 0 }, top: top - 27, right: each.second ? this.right + 90 : this.right, data: [], selectedMode: false, itemWidth: 22, itemHeight: 8,
@@ -232,7 +251,7 @@ export default {
       this.rows({ t: times, l: low, h: high, v: mean });
     },
     rows(part) {
-      for (const { name } of this.series) {
+      for (const { name } of this.signals()) {
         const values = part.v[name];
         if (!values) continue;
         const low = part.l?.[name] ?? values;
@@ -325,7 +344,7 @@ export default {
       return Math.min(Math.max((event.clientX - box.left - this.left) / width, 0), 1);
     },
     wheel(event) {
-      if (!event.ctrlKey && !this.held) return; // the page scrolls
+      if (this.x || (!event.ctrlKey && !this.held)) return; // the page scrolls
       event.preventDefault();
       if (event.shiftKey) this.pan(Math.sign(event.deltaY || event.deltaX) * 0.2);
       else this.zoom(event.deltaY > 0 ? 1.25 : 0.8, this.share(event));
@@ -341,7 +360,7 @@ export default {
     },
     // A mouse draws the span to zoom to, or pans with Shift; a finger pans.
     press(event) {
-      if (event.button !== 0 || event.target.closest(".cursor")) return;
+      if (this.x || event.button !== 0 || event.target.closest(".cursor")) return;
       const from = event.clientX;
       const began = this.shown();
       const panning = event.pointerType === "touch" || event.shiftKey;
@@ -448,7 +467,7 @@ export default {
         const [a, b] = this.cursors;
         this.heading = this.words.between.replace("{seconds}", fixedText(b - a, 3));
       }
-      this.values = this.series.filter(({ name }) => found[name].length).map((each) => {
+      this.values = this.signals().filter(({ name }) => found[name].length).map((each) => {
         const points = found[each.name];
         let low = Infinity, high = -Infinity, sum = 0;
         for (const point of points) {
@@ -498,7 +517,7 @@ export default {
     table() {
       const shown = this.shown();
       const times = new Map();
-      this.series.forEach(({ name }, place) => {
+      this.signals().forEach(({ name }, place) => {
         for (const point of this.points(name, shown)) {
           const row = times.get(point.time) ?? times.set(point.time, []).get(point.time);
           row[place] = [point.mean, point.low, point.high];
@@ -506,10 +525,10 @@ export default {
       });
       const quoted = (text) => `"${text.replaceAll('"', '""')}"`;
       const heads = ["time_utc", "bench_time_s"];
-      for (const { name } of this.series) heads.push(name, `${name}_min`, `${name}_max`);
+      for (const { name } of this.signals()) heads.push(name, `${name}_min`, `${name}_max`);
       const lines = [heads.map(quoted).join(",")];
       for (const [time, row] of [...times].sort((a, b) => a[0] - b[0])) {
-        const cells = this.series.flatMap((_, place) => row[place] ?? ["", "", ""]);
+        const cells = this.signals().flatMap((_, place) => row[place] ?? ["", "", ""]);
         lines.push([new Date((time + this.offset) * 1000).toISOString(), time, ...cells].join(","));
       }
       this.statistics.saveTable(this.fileName("csv"), lines);
@@ -546,12 +565,18 @@ export default {
         const text = typeof value === "number" ? fixedText(value, place.decimals) : "—";
         if (element.textContent !== text) element.textContent = text;
       }
+      if (this.digits.length) {
+        this.large = this.digits.map(({ name, decimals }) => fixedText(this.numbers[name] ?? NaN, decimals));
+        this.statistics.painted += 1;
+        return;
+      }
       const shown = this.shown();
       const span = shown.stop - shown.start;
       this.fine = span < 5;
-      const envelope = span > 120;
+      const envelope = span > 120 && !this.x;
       const spans = this.axes.map(() => [Infinity, -Infinity]);
       const found = {};
+      const along = this.x && new Map((found[this.x.name] = this.points(this.x.name, shown)).map(({ time, mean }) => [time, mean]));
       const series = this.series.map(({ name, grid, axis }, place) => {
         const points = (found[name] = this.points(name, shown));
         const ends = spans[2 * grid + (axis ?? 0)];
@@ -559,7 +584,8 @@ export default {
         const longest = this.longestStep(points);
         let before = Infinity;
         for (const point of points) {
-          const ms = (point.time + this.offset) * 1000;
+          const ms = along ? along.get(point.time) : (point.time + this.offset) * 1000;
+          if (ms === undefined) continue;
           if (point.time - before > longest) data.push([ms, null]); // no line across a gap
           before = point.time;
           if (envelope) data.push([ms, point.low], [ms, point.high]);
@@ -576,7 +602,8 @@ export default {
         return { data, markLine: this.lines(place, grid, name, shown) };
       });
       const yAxis = this.scales(spans);
-      const xAxis = this.grids.map(() => ({ min: (shown.start + this.offset) * 1000, max: (shown.stop + this.offset) * 1000 }));
+      const ends = along && this.scaled(this.along, [...along.values()].reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, -Infinity]));
+      const xAxis = this.grids.map(() => ends ?? { min: (shown.start + this.offset) * 1000, max: (shown.stop + this.offset) * 1000 });
       this.chart.setOption({ xAxis, yAxis, series, ...this.legends(found) }, { silent: true });
       this.placeCursors(shown);
       const now = performance.now();
@@ -601,7 +628,7 @@ export default {
       if (held && held.low <= held.high) {
         for (const value of [held.low, held.high]) data.push({ yAxis: value, label: { show: false }, lineStyle: { color: this.colour(this.series[place].colour), type: "dotted", width: 1.2 } });
       }
-      if (this.series.findIndex((each) => each.grid === grid) === place) {
+      if (!this.x && this.series.findIndex((each) => each.grid === grid) === place) {
         for (const marker of this.markers) {
           if (marker.time < start || marker.time > stop) continue;
           data.push({ xAxis: (marker.time + this.offset) * 1000, label: { show: grid === 0, formatter: marker.note, position: "insideEndTop", color: this.colour("--ink"), fontSize: 12 }, lineStyle: { color: this.colour("--ink"), type: "solid", width: 1 } });

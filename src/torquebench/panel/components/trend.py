@@ -89,6 +89,8 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
         Element that turns grey without new data.
     on_view : callable
         Called with start and end (bench time, s) of a zoomed span, for which finer rows are needed.
+    on_hold : callable
+        Called after another span is held, or none.
     """
 
     def __init__(
@@ -99,6 +101,7 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
         places: Mapping[str, tuple[Any, int]],
         region: Any,
         on_view: Callable[[float, float], Any],
+        on_hold: Callable[[], Any],
     ) -> None:
         super().__init__()
         self.props["label"] = label
@@ -111,6 +114,7 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
             for name, (element, decimals) in places.items()
         }
         self.props["region"] = region.html_id
+        self._on_hold = on_hold
         self.view: tuple[float, float] | None = None
         """Ends of the span that is held, bench time in s; None while the chart follows."""
         self._sent = self._painted = 0
@@ -119,14 +123,23 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
         self.on("zoomed", self._zoomed)
         self.on("view", lambda event: on_view(event.args["start"], event.args["stop"]))
 
-    def arrange(self, traces: Sequence[Trace], bands: Sequence[Band]) -> None:
-        """Replace the lines."""
+    def arrange(
+        self,
+        traces: Sequence[Trace],
+        bands: Sequence[Band],
+        x: Trace | None = None,
+        digits: Sequence[Trace] = (),
+    ) -> None:
+        """Replace the lines; `x` is the horizontal signal of an XY plot, `digits` are numbers."""
+        self.props["x"] = None if x is None else asdict(x)
+        self.props["digits"] = [asdict(trace) for trace in digits]
         self.props["series"] = [asdict(trace) for trace in traces]
         self.props["grids"] = [asdict(band) for band in bands]
 
     def _zoomed(self, event: Any) -> None:
         held = event.args
         self.view = None if held is None else (float(held["start"]), float(held["stop"]))
+        self._on_hold()
 
     def _answered(self, event: Any) -> None:
         self._painted = min(max(self._painted, int(event.args)), self._sent)

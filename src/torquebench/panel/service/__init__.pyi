@@ -31,6 +31,12 @@ from .jobs.queue import (
 from .access.lease import (
     LeaseState as LeaseState,
 )
+from .live.formulas import (
+    FORMULA_NAMES as FORMULA_NAMES,
+    RESULT_UNITS as RESULT_UNITS,
+    computed as computed,
+    names_in as names_in,
+)
 from .live.hub import (
     SIGNALS as SIGNALS,
     STALE_AFTER_S as STALE_AFTER_S,
@@ -41,10 +47,12 @@ from .live.hub import (
     TORQUE_SIGNALS as TORQUE_SIGNALS,
 )
 from .live.layout import (
-    DEFAULT_LAYOUT as DEFAULT_LAYOUT,
     BandLayout as BandLayout,
+    ComputedChannel as ComputedChannel,
     LiveLayout as LiveLayout,
+    LoopLayout as LoopLayout,
     Scale as Scale,
+    View as View,
 )
 from .live.markers import (
     Marker as Marker,

@@ -48,7 +48,7 @@ from torquebench.panel.service.jobs.queue import JobQueue
 from torquebench.panel.service.jobs.runner import JobRunner
 from torquebench.panel.service.live.alarms import AlarmView, StopReport, alarm_view
 from torquebench.panel.service.live.hub import STALE_AFTER_S, Connection, LiveHub
-from torquebench.panel.service.live.layout import DEFAULT_LAYOUT, LiveLayout
+from torquebench.panel.service.live.layout import LiveLayout
 from torquebench.panel.service.live.markers import Marker, Markers
 from torquebench.panel.service.live.snapshot import (
     BenchSnapshot,
@@ -358,9 +358,9 @@ class BenchService:
         """Return a person's layout of the live page."""
         try:
             kept = self._store.preference(actor.name, "live")
-            return LiveLayout.model_validate(kept) if kept is not None else DEFAULT_LAYOUT
+            return LiveLayout.model_validate(kept) if kept is not None else LiveLayout()
         except ValidationError:  # another version with other signals stored it
-            return DEFAULT_LAYOUT
+            return LiveLayout()
 
     def keep_layout(self, actor: Actor, layout: LiveLayout) -> None:
         """Store a person's layout of the live page."""

@@ -4,35 +4,44 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from datetime import UTC, datetime
+from typing import Any, get_args
+from urllib.parse import urlencode
 
+from nicegui import ui
 from pydantic import ValidationError
 
 from torquebench.bench.roles import Side
-from torquebench.columns import Column
-from torquebench.errors import InputError, TorquebenchError
-from torquebench.message import Message
+from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import Chart, Line
-from torquebench.panel.components.controls import Choice, Field, button, typed_number
+from torquebench.panel.components.controls import Choice, button
 from torquebench.panel.components.dialogs import ask, foot, sheet
-from torquebench.panel.components.elements import box, note, on_press, panel, refilled, words
+from torquebench.panel.components.elements import (
+    box,
+    icon,
+    note,
+    on_press,
+    panel,
+    refilled,
+    words,
+)
 from torquebench.panel.components.trend import Band, Trace, Trend
+from torquebench.panel.pages.live.channels import open_channels, open_computed
 from torquebench.panel.pages.recording_dialog import open_recording
 from torquebench.panel.pages.records.column_titles import column_title
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import (
-    DEFAULT_LAYOUT,
-    SIGNALS,
     TORQUE_SIGNALS,
     BandLayout,
     LiveHub,
     LiveLayout,
-    Scale,
+    LiveTrend,
+    View,
+    computed,
     histogram,
     spectrum,
 )
 from torquebench.units import minus_signs
-from torquebench.validation import words_of
 
 __all__ = ["SPANS", "LiveChart"]
 
@@ -42,7 +51,8 @@ MOST_POINTS = 600
 MOST_LINES = 1200
 """Largest number of values of a spectrum; more would slow the browser down."""
 SPANS = {"seconds_10": 10.0, "minute_1": 60.0, "minutes_10": 600.0, "hour_1": 3600.0}
-CHARTS = 3
+VIEWS: Mapping[View, str] = {"time": "show_chart", "xy": "timeline", "digits": "pin"}
+"""Icon of each view."""
 WHOLE_RANGE_UNITS = ("N·m", "rpm")
 COLOURS = {
     "raw_nm": "--series-raw",
@@ -61,7 +71,8 @@ FLOORS = {
     "°C": (0.5, 0.5),
     "%": (1.0, 1.0),
 }
-"""Smallest span of the left and the right scale, by unit."""
+"""Smallest span of the left and the right scale, by unit; other units have none."""
+COMPUTED_COLOURS = ("--series-4", "--series-3", "--warn", "--ink", "--series-1", "--series-2")
 TOOLS = (
     "tools",
     "more",
@@ -84,7 +95,6 @@ TOOLS = (
     "lowest",
     "highest",
 )
-_BY_NAME = {signal.name: signal for signal in SIGNALS}
 
 
 class LiveChart:
@@ -102,15 +112,19 @@ class LiveChart:
         self, visitor: Visitor, places: Mapping[str, tuple[Any, int]], region: Any
     ) -> None:
         self.visitor, self.text = visitor, visitor.text
-        self.layout = visitor.service.layout(visitor.looker)
+        self.layout = _addressed(visitor.query, visitor.service.layout(visitor.looker))
+        self._held = _span_of(visitor.query)
+        self._ratio = visitor.service.station.description.bench.reducer_ratio
+        self._address = ""
         self._hub: LiveHub | None = None
         self._sequence = 0
         self._marks = -1
         with panel(classes="live-chart"):
             said = {key: self.text(f"chart.{key}") for key in TOOLS}
             self.trend = Trend(
-                self.text("live.trend_label"), said, "torquebench-live", places, region, self._finer
-            )
+                self.text("live.trend_label"), said, "torquebench-live", places, region,
+                self._finer, self._remember,
+            )  # fmt: skip
             self._controls()
             self._arrange()
 
@@ -119,17 +133,20 @@ class LiveChart:
     def _controls(self) -> None:
         text = self.text
         with self.trend:
-            with box("span", "group", role="group", aria_label=text("live.window")):
+            with box("span", "group", role="group", aria_label=text("live.view")):
+                self._views = {view: self._view_button(view) for view in get_args(View)}
+            with box("span", "group spans", role="group", aria_label=text("live.window")):
                 self._spans = {key: self._span_button(key) for key in SPANS}
             button(
-                text("record.start"),
+                text("record.short"),
                 lambda: open_recording(self.visitor),
                 "small",
                 picture="fiber_manual_record",
             )
         with self.trend.add_slot("menu"):
             for key, action, picture in (
-                ("channels_short", self._open_channels, "tune"),
+                ("channels_short", lambda: open_channels(self), "tune"),
+                ("computed_short", lambda: open_computed(self), "calculate"),
                 ("marker", self._open_marker, "bookmark_add"),
                 ("spectrum_short", self._open_analysis, "equalizer"),
             ):
@@ -143,60 +160,103 @@ class LiveChart:
         on_press(made, lambda: self.choose(key))
         return made
 
+    def _view_button(self, view: View) -> Any:
+        title = self.text(f"live.view_{view}")
+        pressed = "true" if view == self.layout.view else "false"
+        made = box(
+            "button", "control small", type="button", aria_pressed=pressed, aria_label=title,
+            title=title,
+        )  # fmt: skip
+        with made:
+            icon(VIEWS[view])
+        on_press(made, lambda: self.keep(self.layout.model_copy(update={"view": view})))
+        return made
+
     def choose(self, key: str) -> None:
         """Show another time span, and store it as the user's choice."""
-        for name, made in self._spans.items():
-            made.props["aria-pressed"] = "true" if name == key else "false"
-            made.update()
-        self._keep(self.layout.model_copy(update={"span": key}))
+        self.keep(self.layout.model_copy(update={"span": key}))
 
-    def _keep(self, layout: LiveLayout) -> None:
+    def keep(self, layout: LiveLayout) -> None:
+        """Show another layout, and store it as the user's choice."""
         self.visitor.attempt(lambda: self.visitor.service.keep_layout(self.visitor.looker, layout))
         self.layout = layout
+        for made, chosen in (
+            *((made, name == layout.span) for name, made in self._spans.items()),
+            *((made, name == layout.view) for name, made in self._views.items()),
+        ):
+            made.props["aria-pressed"] = "true" if chosen else "false"
+            made.update()
         self._arrange()
         self._restart()
+        self._remember()
+
+    def _remember(self) -> None:
+        """Keep view, layout and held span in the address."""
+        other = self.layout.model_dump_json(exclude_defaults=True, exclude={"view", "span"})
+        query: dict[str, str] = {"view": self.layout.view, "span": self.layout.span}
+        query |= {} if other == "{}" else {"layout": other}
+        if self.trend.view is not None:
+            offset_s = self.visitor.service.live.clock_offset_s
+            for key, time_s in zip(("from", "to"), self.trend.view, strict=True):
+                moment = datetime.fromtimestamp(time_s + offset_s, UTC)
+                query[key] = moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        address = f"/?{urlencode(query, safe=':')}"
+        if address != self._address:
+            self._address = address
+            ui.navigate.history.replace(address)
 
     # -- what is drawn ----------------------------------------------------------------------
 
     @property
     def _names(self) -> list[str]:
-        return list(dict.fromkeys(name for band in self.layout.bands for name in band.signals))
+        """Live signals that the layout shows or computes with."""
+        return self.layout.sources
 
-    def _title(self, signal: Column) -> str:
-        return column_title(self.text, signal.name)
+    def title(self, name: str) -> str:
+        """Return the title of a signal or computed channel."""
+        signal = self.layout.signals[name]
+        return signal.title if name.startswith("=") else column_title(self.text, name)
 
     def _arrange(self) -> None:
-        drawn = [band for band in self.layout.bands if band.signals]
+        charts = self.layout.charts
         traces = [
-            self._trace(_BY_NAME[name], place, band.axis(name))
-            for place, band in enumerate(drawn)
+            self._trace(name, place, self.layout.axis(band.signals, name))
+            for place, band in enumerate(charts)
             for name in dict.fromkeys(band.signals)
         ]
-        self.trend.arrange(traces, [self._band(band) for band in drawn])
-
-    def _trace(self, signal: Column, grid: int, axis: int) -> Trace:
-        kind = next((end for end in COLOURS if signal.name.endswith(end)), "")
-        side = signal.side or "percent"
-        return Trace(
-            signal.name,
-            self._title(signal),
-            signal.unit,
-            grid,
-            COLOURS[kind or side],
-            dashed=signal.name.endswith(DASHED),
-            axis=axis,
-            decimals=DECIMALS[signal.side or "output"] if signal.unit == "N·m" else 2,
+        xy, digits = self.layout.view == "xy", self.layout.view == "digits"
+        self.trend.arrange(
+            traces,
+            [self._band(band) for band in charts],
+            self._trace(self.layout.xy.x, 0, 0) if xy else None,
+            [self._trace(name, 0, 0) for name in self.layout.digits] if digits else [],
         )
+
+    def _trace(self, name: str, grid: int, axis: int) -> Trace:
+        signal = self.layout.signals[name]
+        kind = next((end for end in COLOURS if name.endswith(end)), "")
+        colour = COLOURS[kind or signal.side or "percent"]
+        decimals = DECIMALS[signal.side or "output"] if signal.unit == "N·m" else 2
+        if name.startswith("="):
+            place = [channel.name for channel in self.layout.computed].index(name)
+            colour, decimals = COMPUTED_COLOURS[place % len(COMPUTED_COLOURS)], 3
+        unit = "" if signal.unit == "1" else signal.unit
+        return Trace(
+            name, self.title(name), unit, grid, colour,
+            dashed=name.endswith(DASHED), axis=axis, decimals=decimals,
+        )  # fmt: skip
 
     def _band(self, band: BandLayout) -> Band:
         titles, floors = [], []
-        for place, (unit, side) in enumerate(band.axes):
+        axes = self.layout.axes(band.signals)
+        signals = self.layout.signals
+        for place, (unit, side) in enumerate(axes):
             titles.append(f"{self.text(f'side.{side}')}, {unit}" if side else unit)
             floors.append(self._floor(band, unit, side, place))
-        if len(titles) == 1 and titles[0] == band.axes[0][0]:
-            sides = {_BY_NAME[name].side for name in band.signals}
-            only = sides.pop() if len(sides) == 1 else None
-            if only is not None:
+        if len(titles) == 1 and titles[0] == axes[0][0]:
+            sides = {signals[name].side for name in band.signals}
+            only = sides.pop() if len(sides) == 1 else ""
+            if only:
                 titles[0] = f"{self.text(f'side.{only}')}, {titles[0]}"
         return Band(
             titles[0],
@@ -204,23 +264,27 @@ class LiveChart:
             titles[1] if len(titles) > 1 else "",
             floors[1] if len(floors) > 1 else 1.0,
             self._ends(band),
-            aligned=all(unit in WHOLE_RANGE_UNITS for unit, _ in band.axes),
+            aligned=all(unit in WHOLE_RANGE_UNITS for unit, _ in axes),
         )
 
     def _floor(self, band: BandLayout, unit: str, side: str, place: int) -> float:
         if unit != "N·m":
-            return FLOORS[unit][place]
+            return FLOORS.get(unit, (0.0, 0.0))[place]
         return 1e-3 * self._limit(band, unit, side)
 
     def _limit(self, band: BandLayout, unit: str, side: str) -> float:
         """Return the largest range of a unit over both sides."""
         snapshots = self.visitor.service.snapshot().sides
-        sides = [side] if side else {_BY_NAME[name].side or "output" for name in band.signals}
+        sides = (
+            [side]
+            if side
+            else {self.layout.signals[name].side or "output" for name in band.signals}
+        )
         shown = [snapshots[name] for name in sides]  # type: ignore[index]  # sides as strings
         return max(side.range_nm if unit == "N·m" else side.limit_rpm for side in shown)
 
     def _ends(self, band: BandLayout) -> tuple[float, float] | None:
-        scale, (unit, side) = band.scale, band.axes[0]
+        scale, (unit, side) = band.scale, self.layout.axes(band.signals)[0]
         if scale.kind == "fixed":
             return scale.low, scale.high
         if scale.kind == "range" and unit in WHOLE_RANGE_UNITS:
@@ -235,14 +299,22 @@ class LiveChart:
         seconds = SPANS[self.layout.span]
         past = hub.trend(seconds, self._names)
         self._sequence = past.sequence
-        self.trend.reset(seconds, past, hub.clock_offset_s)
+        self.trend.reset(seconds, self._complete(past), hub.clock_offset_s)
         self._marks = -1
+        if self._held is not None:
+            start, stop = (time_s - hub.clock_offset_s for time_s in self._held)
+            self.trend.run_method("hold", start, stop)
+            self._held = None
+
+    def _complete(self, trend: LiveTrend) -> LiveTrend:
+        return self.layout.complete(trend, self._ratio)
 
     def _finer(self, start_s: float, stop_s: float) -> None:
         if not (math.isfinite(start_s) and math.isfinite(stop_s)):
             return
         hub = self.visitor.service.live
-        self.trend.finer(start_s, stop_s, hub.between(start_s, stop_s, self._names, MOST_POINTS))
+        rows = hub.between(start_s, stop_s, self._names, MOST_POINTS)
+        self.trend.finer(start_s, stop_s, self._complete(rows))
 
     def push(self, share: Mapping[Side, tuple[str, float]]) -> None:
         """Send the new rows; `share` names each side's torque signal and its range."""
@@ -258,80 +330,29 @@ class LiveChart:
         self._sequence = increment.sequence
         latest = hub.latest()
         numbers: dict[str, float | None] = {
-            name: latest[name].value if not latest[name].stale else None for name in _BY_NAME
+            name: latest[name].value if not latest[name].stale else None for name in latest
         }
+        numbers |= self._computed(numbers)
         for side, (chosen, range_nm) in share.items():
             torque = numbers[f"{side}_torque"] = numbers[chosen]
             numbers[f"{side}_share"] = None if torque is None else 100.0 * torque / range_nm
-        self.trend.push(increment, numbers, hub.clock_offset_s)
+        self.trend.push(self._complete(increment), numbers, hub.clock_offset_s)
         markers = self.visitor.service.markers.all()
         newest = markers[-1].number if markers else 0
         if newest != self._marks:
             self._marks = newest
             self.trend.marks((marker.bench_time_s, marker.note) for marker in markers)
 
+    def _computed(self, numbers: Mapping[str, float | None]) -> dict[str, float | None]:
+        """Compute the newest number of each channel from the newest values."""
+        signals = {name: math.nan if value is None else value for name, value in numbers.items()}
+        values = {
+            channel.name: float(computed(channel.formula, channel.unit, signals, self._ratio))
+            for channel in self.layout.computed
+        }
+        return {name: value if math.isfinite(value) else None for name, value in values.items()}
+
     # -- dialogs ----------------------------------------------------------------------------
-
-    def _open_channels(self) -> None:
-        text = self.text
-        bands = (*self.layout.bands, *(BandLayout() for _ in range(CHARTS)))[:CHARTS]
-        places = {str(place): text("live.chart_number", number=place) for place in (1, 2, 3)}
-        chosen = {name: str(k) for k, band in enumerate(bands, 1) for name in band.signals}
-
-        def apply() -> None:
-            try:
-                layout = LiveLayout(
-                    span=self.layout.span,
-                    bands=tuple(
-                        BandLayout(
-                            signals=tuple(n for n, f in fields.items() if f.value == str(k)),
-                            scale=_scale(kind.value, low.value, high.value),
-                        )
-                        for k, (kind, low, high) in enumerate(scales, 1)
-                    ),
-                )
-            except (ValidationError, InputError) as error:
-                wrong.set_text(
-                    text.core(words_of(error.errors()[0]))
-                    if isinstance(error, ValidationError)
-                    else text.refusal_line(error)
-                )
-                return
-            self._keep(layout)
-            dialog.close()
-
-        def usual() -> None:
-            self._keep(DEFAULT_LAYOUT)
-            dialog.close()
-
-        with sheet(text("live.channels")) as dialog:
-            with box("div", "columns narrow"):
-                fields = {
-                    signal.name: Field(
-                        self._title(signal),
-                        chosen.get(signal.name, ""),
-                        unit=signal.unit,
-                        options={"": text("live.not_shown")} | places,
-                    )
-                    for signal in SIGNALS
-                }
-            scales = []
-            for k, band in enumerate(bands, 1):
-                words("h3", text("live.scale_of", number=k))
-                fixed = band.scale.kind == "fixed"
-                with box("div", "columns narrow"):
-                    kinds = {
-                        key: text(f"live.scale_{key}") for key in ("automatic", "range", "fixed")
-                    }
-                    kind = Field(text("live.scale"), band.scale.kind, options=kinds)
-                    low = Field(text("live.lowest"), f"{band.scale.low:g}" if fixed else "")
-                    high = Field(text("live.highest"), f"{band.scale.high:g}" if fixed else "")
-                scales.append((kind, low, high))
-            wrong = words("div", "", "bad-text", role="alert")
-            with box("div", "line end"):
-                button(text("live.usual"), usual, "quiet")
-                button(text("frame.close"), dialog.close, "quiet")
-                button(text("live.apply"), apply, "primary")
 
     def _open_marker(self) -> None:
         text, service = self.text, self.visitor.service
@@ -361,7 +382,7 @@ class LiveChart:
             options = sorted(there or TORQUE_SIGNALS, key=lambda name: name not in self._names)
             self._signal = Choice(
                 text("live.signal"),
-                {name: self._title(_BY_NAME[name]) for name in options},
+                {name: column_title(text, name) for name in options},
                 options[0],
                 on_change=self._analyse,
             )
@@ -399,7 +420,7 @@ class LiveChart:
             step = max(1, math.ceil(lines.frequency_hz.size / MOST_LINES))
             with box("div", "columns"):
                 frequency, amplitude = _reduced(lines.frequency_hz, lines.amplitude_nm, step)
-                title = self._title(_BY_NAME[self._signal.value])
+                title = self.title(self._signal.value)
                 Chart(
                     text("live.spectrum_label"),
                     text("live.frequency"),
@@ -422,13 +443,22 @@ def _reduced(x: Any, y: Any, step: int) -> tuple[list[float], list[float]]:
     return x[places].tolist(), y[places].tolist()
 
 
-def _scale(kind: str, low: str, high: str) -> Scale:
-    if kind != "fixed":
-        return Scale(kind=kind)  # type: ignore[arg-type]  # one of the options
+def _addressed(query: Mapping[str, str], kept: LiveLayout) -> LiveLayout:
+    """Return the layout in a page's address, else the person's own."""
+    given = {key: query[key] for key in ("view", "span") if key in query}
+    if not given:
+        return kept
     try:
-        ends = typed_number(low), typed_number(high)
-    except ValueError:
-        raise InputError(
-            Message("ends {low!r} and {high!r}", low, high), "two numbers in the unit of the scale"
-        ) from None
-    return Scale(kind="fixed", low=ends[0], high=ends[1])
+        layout = LiveLayout.model_validate_json(query.get("layout", "{}"))
+        return LiveLayout.model_validate(layout.model_dump() | given)
+    except ValidationError:  # a cut address, or one of another version
+        return kept
+
+
+def _span_of(query: Mapping[str, str]) -> tuple[float, float] | None:
+    """Return the ends of the span in a page's address, s since 1970."""
+    try:
+        start, stop = (datetime.fromisoformat(query[key]).timestamp() for key in ("from", "to"))
+    except (KeyError, ValueError):
+        return None
+    return (start, stop) if start < stop else None
