@@ -46,7 +46,7 @@ from torquebench.campaign.turning_runs import measure_turning
 from torquebench.campaign.verifying import measure_verification
 from torquebench.chain import MeasuringChain, Readings, RecordedStream
 from torquebench.procedures.reducers.setup import temperature_c
-from torquebench.procedures.setup import Setup, set_up, unloaded_after
+from torquebench.procedures.setup import Setup, power_off, set_up
 from torquebench.procedures.turning.profile import load_turning_profile
 from torquebench.procedures.zeroing import zero
 from torquebench.station import Station
@@ -214,7 +214,8 @@ def used(station: Station, side: Side, soak: Soak, seed: int) -> list[Stretch]:
         yield from set_up(devices, Setup("calibration", side, "calibrator", "locked"))
         yield from bpp.run_wrapper(body())
 
-    record = station.run(unloaded_after(devices, in_bench), kind="turning-bench")
+    plan = bpp.finalize_wrapper(in_bench(), lambda: power_off(devices))
+    record = station.run(plan, kind="turning-bench")
     if record.exit_status != "success":
         raise RuntimeError(record.reason)
     return stretches

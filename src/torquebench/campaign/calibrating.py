@@ -26,7 +26,7 @@ from torquebench.campaign.measuring import (
     Measured,
     RunKind,
     RunOptions,
-    registered_patiently,
+    finished_later,
 )
 from torquebench.campaign.registering import (
     FittedFile,
@@ -128,16 +128,16 @@ def calibration_fit(
 
     The function takes `progress` and `title` like `fit_models`.
     """
-    data, run_id = measured.result.data, measured.record.run_id
+    data = measured.result.data
+    with finished_later(measured.record.run_id, progress) as report_retry:
+        before = registry.patiently(lambda: model_in_use(registry, data), told=report_retry)
     return partial(
         fit_models,
         data,
         choices,
         effects=recorded_effects(measured.record.metadata, data),
         limits=measured.profile.plausibility,
-        before=registered_patiently(
-            registry, run_id, lambda: model_in_use(registry, data), progress
-        ),
+        before=before,
     )
 
 

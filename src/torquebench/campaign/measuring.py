@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
@@ -162,12 +163,12 @@ class RunKind(Generic[Result, Evaluated, Outcome]):
         RecordError
             The registry or the disk fails; `finish_recorded_run` completes the run later.
         """
-        run_id = measured.record.run_id
-        if evaluated is None:
-            evaluate = partial(self.evaluate, registry, measured, progress)
-            evaluated = registered_patiently(registry, run_id, evaluate, progress)
-        register = partial(self.register, registry, measured, evaluated)
-        return registered_patiently(registry, run_id, register, progress)
+        with finished_later(measured.record.run_id, progress) as report_retry:
+            if evaluated is None:
+                evaluate = partial(self.evaluate, registry, measured, progress)
+                evaluated = registry.patiently(evaluate, told=report_retry)
+            register = partial(self.register, registry, measured, evaluated)
+            return registry.patiently(register, told=report_retry)
 
 
 def run_only(_registry: Registry, _measured: Measured[Any], evaluated: Evaluated) -> Evaluated:
@@ -175,30 +176,17 @@ def run_only(_registry: Registry, _measured: Measured[Any], evaluated: Evaluated
     return evaluated
 
 
-def registered_patiently(
-    registry: Registry,
-    run_id: str,
-    register: Callable[[], Result],
-    progress: Progress = NO_PROGRESS,
-) -> Result:
-    """Register the result of a run, with repeated attempts that progress reports.
-
-    Parameters
-    ----------
-    register : callable
-        One transaction, which can be repeated without duplicates.
+@contextmanager
+def finished_later(run_id: str, progress: Progress) -> Iterator[Callable[[str], None]]:
+    """Yield a function that reports retries; a failure says how the measured run is finished later.
 
     Raises
     ------
     RecordError
-        The registry or the disk fails; the measured run can be finished later.
+        The registry or the disk fails.
     """
-
-    def report_retry(_error: str) -> None:
-        progress.start("The registry doesn't answer; trying again")
-
     try:
-        return registry.patiently(register, told=report_retry)
+        yield lambda _error: progress.start("The registry doesn't answer; trying again")
     except (RecordError, InputError, OSError) as error:
         raise RecordError(
             Message(

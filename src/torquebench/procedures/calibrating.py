@@ -215,11 +215,8 @@ def _staircase(
     }
     metadata = start_metadata(devices, plan_name, points, setup.side, profile=known)
 
-    def load() -> Plan[None]:
-        """Load the profile's steps, or the adaptive ones after its coarse steps."""
-        if profile.adaptive is None:
-            yield from load_staircase(devices, setup, steps, table.add, check=check)
-            return
+    def load_by_model() -> Plan[None]:
+        """Load the adaptive steps after the profile's coarse ones."""
         coarse = [step for step in profile.staircase(range_nm) if step.recorded]
         known = max((step.series for step in table.steps), default=0)
         table.placement = yield from load_adaptively(
@@ -239,7 +236,12 @@ def _staircase(
     if profile.adaptive is not None:  # every round reverses at full scale
         largest_nm = range_nm
     limits = loading_limits(devices, setup.side, largest_nm)
-    serial = yield from measured_in(setup, devices, load(), metadata, limits)
+    measuring = (
+        load_staircase(devices, setup, steps, table.add, check=check)
+        if profile.adaptive is None
+        else load_by_model()
+    )
+    serial = yield from measured_in(setup, devices, measuring, metadata, limits)
     if not table.rows:
         raise BenchError("a staircase that recorded no point", "at least one point")
     return table.result(devices, setup.side, serial)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -26,7 +26,6 @@ __all__ = [
     "other_side",
     "set_up",
     "start_metadata",
-    "unloaded_after",
 ]
 
 Result = TypeVar("Result")
@@ -216,15 +215,6 @@ def power_off(devices: BenchDevices) -> Plan[None]:
         yield from move(module.drive.power, False)
 
 
-def unloaded_after(devices: BenchDevices, plan: Callable[[], Plan[Result]]) -> Plan[Result]:
-    """Run a plan, and leave the bench without torque however the plan ends.
-
-    The supervisor's safe state doesn't depend on this, because a halt skips it.
-    """
-    result: Result = yield from bpp.finalize_wrapper(plan(), lambda: power_off(devices))
-    return result
-
-
 def measured_in(
     setup: Setup,
     devices: BenchDevices,
@@ -234,7 +224,8 @@ def measured_in(
 ) -> Plan[str]:
     """Prepare the bench and measure in one run; return the serial number of the mounted standard.
 
-    The bench is without torque afterwards. Without a standard the serial number is empty.
+    The bench is without torque afterwards, however the plan ends; the supervisor's safe state
+    doesn't depend on this, because a halt skips it. Without a standard the serial number is empty.
 
     Parameters
     ----------
@@ -247,10 +238,7 @@ def measured_in(
     """
     standard = devices.context.description.standard(setup.mounting)
     known = {} if standard is None else {"standard_serial": standard.serial}
-
-    def in_bench() -> Plan[None]:
-        yield from set_up(devices, setup)
-        yield from bpp.run_wrapper(measuring, md={**metadata, **known})
-
-    yield from guarded(lambda: unloaded_after(devices, in_bench), *limits)
+    run = bpp.run_wrapper(measuring, md={**metadata, **known})
+    plan = bpp.pchain(set_up(devices, setup), run)
+    yield from guarded(lambda: bpp.finalize_wrapper(plan, lambda: power_off(devices)), *limits)
     return known.get("standard_serial", "")

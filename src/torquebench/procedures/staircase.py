@@ -78,24 +78,10 @@ class _Loader:
     devices: BenchDevices
     setup: Setup
     steps: Sequence[Step]
-    done: int = 0
-    total: int = 0
     check: StandardCheck | None = None
     settings: SteadySettings | None = None
 
-    def run(self, on_row: Callable[[Step, Row], None]) -> Plan[None]:
-        """Load all steps; a pause repeats the interrupted step on its branch."""
-        # From here on the standard is monitored, also during preloads.
-        yield from prepare(self._module.steady, SteadySettings(reference=True), wait=True)
-        yield from power_on(self.devices, self.setup.side)
-        for number, step in enumerate(self.steps):
-            yield from progress(self.done + number, self.total, describe_step(step))
-            yield from again_after_pause(
-                partial(self._step, step, on_row), partial(self._return_to_branch, number)
-            )
-        yield from progress(self.done + len(self.steps), self.total, "done")
-
-    def _step(self, step: Step, on_row: Callable[[Step, Row], None]) -> Plan[None]:
+    def load(self, step: Step, on_row: Callable[[Step, Row], None]) -> Plan[None]:
         """Load one step: seat again if it says so, then zero, record or hold."""
         if step.change != "none":
             seating = Seating(step.change, step.position_deg)
@@ -104,9 +90,17 @@ class _Loader:
         if step.kind == "zero":
             yield from self._zero(step)
         elif step.recorded:
-            on_row(step, (yield from self._point(step)))
+            wanted = steady_settings(step)
+            if wanted != self.settings:
+                yield from prepare(self._module.steady, wanted, wait=True)
+                self.settings = wanted
+            yield from self._stamp(step)
+            yield from move(self._module.drive.torque, step.nominal_nm)
+            row = yield from take(self._module.steady, self.devices.point, stream="points")
+            yield from self._checked(TakenStep(step, row))
+            on_row(step, row)
         else:
-            yield from self._load(step)
+            yield from move(self._module.drive.torque, step.nominal_nm)
             yield from sleep(step.duration_s)
             yield from self._checked(TakenStep(step))
 
@@ -116,9 +110,6 @@ class _Loader:
         zeroed = yield from zero(self.devices, side, duration_s=step.duration_s, standard=True)
         yield from self._checked(TakenStep(step, standard_zero=zeroed.standard_signal))
         self.settings = None  # zeros are recorded separately
-
-    def _load(self, step: Step) -> Plan[None]:
-        yield from move(self._module.drive.torque, step.nominal_nm)
 
     def _stamp(self, step: Step) -> Plan[None]:
         """State a step's place in the profile in the next document."""
@@ -132,25 +123,12 @@ class _Loader:
         )
         yield from move(self.devices.point, point)
 
-    def _point(self, step: Step) -> Plan[Row]:
-        """Load one step, and measure its steady value."""
-        steady = self._module.steady
-        wanted = steady_settings(step)
-        if wanted != self.settings:
-            yield from prepare(steady, wanted, wait=True)
-            self.settings = wanted
-        yield from self._stamp(step)
-        yield from self._load(step)
-        row = yield from take(steady, self.devices.point, stream="points")
-        yield from self._checked(TakenStep(step, row))
-        return row
-
     def _checked(self, taken: TakenStep) -> Plan[None]:
         """Compare the standard with the module after a step."""
         if self.check is not None:
             yield from move(self.check, taken)
 
-    def _return_to_branch(self, number: int) -> Plan[None]:
+    def return_to_branch(self, number: int) -> Plan[None]:
         """Restore the chain's hysteresis after a pause at zero torque.
 
         A rising branch from zero is the same as before the pause; a falling branch needs the
@@ -204,5 +182,15 @@ def load_staircase(
     check : StandardCheck, optional
         Compares the standard with the module before and at the first steps.
     """
-    loader = _Loader(devices, setup, steps, done, total or done + len(steps), check)
-    yield from loader.run(on_row)
+    loader = _Loader(devices, setup, steps, check)
+    total = total or done + len(steps)
+    # From here on the standard is monitored, also during preloads.
+    steady = devices.module(setup.side).steady
+    yield from prepare(steady, SteadySettings(reference=True), wait=True)
+    yield from power_on(devices, setup.side)
+    for number, step in enumerate(steps):
+        yield from progress(done + number, total, describe_step(step))
+        yield from again_after_pause(
+            partial(loader.load, step, on_row), partial(loader.return_to_branch, number)
+        )
+    yield from progress(done + len(steps), total, "done")

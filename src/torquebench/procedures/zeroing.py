@@ -17,7 +17,6 @@ from torquebench.procedures.setup import (
     power_on,
     set_mode,
     start_metadata,
-    unloaded_after,
 )
 
 
@@ -98,5 +97,6 @@ def zero_modules(
             yield from checkpoint()
             found[side] = yield from measure_zero(devices, side, duration_s=duration_s)
 
-    yield from unloaded_after(devices, lambda: bpp.run_wrapper(measured(), md=metadata))
+    run = bpp.run_wrapper(measured(), md=metadata)
+    yield from bpp.finalize_wrapper(run, lambda: power_off(devices))
     return found

@@ -6,8 +6,9 @@ import contextlib
 import logging
 import os
 import threading
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -325,75 +326,72 @@ class Station:
         TorquebenchError
             The plan's error, or the alarm that ended it. The folder is sealed as failed.
         """
+        with self._only_run(plan):
+            self.supervisor.raise_if_latched()
+            started_s = self.clock.now()
+            alarms_before = len(self.supervisor.history)
+            recording = Recording(
+                self.open_run(kind, metadata or {}), self.devices.context, self.audit
+            )
+            writer = recording.writer
+            self.engine.progress = progress
+            self.engine.attend = lambda: self._attend(on_pause)
+
+            finish = partial(self._finish, recording)
+            if not self.clock.fast:
+                self.engine.watch()
+            try:
+                try:
+                    outcome = self.engine.run(plan, recording.document)
+                except BaseException:
+                    with contextlib.suppress(TorquebenchError):  # the plan's error counts
+                        writer.write_files(files())
+                    raise
+                writer.write_files(files())
+                aborted = outcome.exit_status != "success"
+                if not aborted and outcome.plan_result is not None:
+                    writer.write_results(outcome.plan_result)
+            except Exception as error:
+                recording.end_failed(finish, self._cause(error, alarms_before))
+                cause = self._cause(
+                    error, alarms_before
+                )  # no drive may have torque or power at rest
+                if cause is error:
+                    raise
+                raise cause from error
+            except BaseException as error:  # a second Ctrl-C: seal the folder nevertheless
+                recording.end_failed(finish, error)
+                raise
+            reason = outcome.reason if aborted else ""
+            finish("aborted" if aborted else "completed", reason)
+            return RunRecord(
+                run_id=writer.run_id,
+                kind=kind,
+                folder=writer.path,
+                exit_status="abort" if aborted else "success",
+                result=None if aborted else outcome.plan_result,
+                reason=reason,
+                bench_seconds=self.clock.now() - started_s,
+                interruptions=self.engine.pauses,
+                alarms=self.supervisor.history[alarms_before:],
+                metadata=recording.known,
+            )
+
+    @contextlib.contextmanager
+    def _only_run(self, plan: Plan) -> Iterator[None]:
+        """Refuse a second run meanwhile; close the plan afterwards, even one that never started."""
         try:
             if not self._run_lock.acquire(blocking=False):
                 raise BenchError(
                     "another run is in progress", "one run at a time", "wait for it, or abort it"
                 )
             try:
-                return self._run(plan, kind, dict(metadata or {}), progress, on_pause, files)
+                yield
             finally:
                 self._run_lock.release()
         finally:
             with contextlib.suppress(ValueError):  # the engine's loop hangs in this run
-                plan.close()  # even a plan that never started
-
-    def _run(
-        self,
-        plan: Plan,
-        kind: str,
-        metadata: dict[str, Any],
-        progress: Progress,
-        on_pause: OnPause | None,
-        files: Callable[[], Mapping[str, bytes]],
-    ) -> RunRecord:
-        self.supervisor.raise_if_latched()
-        started_s = self.clock.now()
-        alarms_before = len(self.supervisor.history)
-        recording = Recording(self.open_run(kind, metadata), self.devices.context, self.audit)
-        writer = recording.writer
-        self.engine.progress = progress
-        self.engine.attend = lambda: self._attend(on_pause)
-
-        def finish(status: RunEnd, reason: str) -> None:
-            self._finish(recording, status, reason)
-
-        if not self.clock.fast:
-            self.engine.watch()
-        try:
-            try:
-                outcome = self.engine.run(plan, recording.document)
-            except BaseException:
-                with contextlib.suppress(TorquebenchError):  # the plan's error counts
-                    writer.write_files(files())
-                raise
-            writer.write_files(files())
-            aborted = outcome.exit_status != "success"
-            if not aborted and outcome.plan_result is not None:
-                writer.write_results(outcome.plan_result)
-        except Exception as error:
-            recording.end_failed(finish, self._cause(error, alarms_before))
-            cause = self._cause(error, alarms_before)  # no drive may have torque or power at rest
-            if cause is error:
-                raise
-            raise cause from error
-        except BaseException as error:  # a second Ctrl-C: seal the folder nevertheless
-            recording.end_failed(finish, error)
-            raise
-        reason = outcome.reason if aborted else ""
-        finish("aborted" if aborted else "completed", reason)
-        return RunRecord(
-            run_id=writer.run_id,
-            kind=kind,
-            folder=writer.path,
-            exit_status="abort" if aborted else "success",
-            result=None if aborted else outcome.plan_result,
-            reason=reason,
-            bench_seconds=self.clock.now() - started_s,
-            interruptions=self.engine.pauses,
-            alarms=self.supervisor.history[alarms_before:],
-            metadata=recording.known,
-        )
+                plan.close()
 
     def open_run(self, kind: str, metadata: Mapping[str, Any]) -> OpenRun:
         """Make the folder of a run, and enter its beginning into the registry."""

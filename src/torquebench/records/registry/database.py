@@ -188,13 +188,18 @@ class Database:
             )
         waits_s = longest_s if given else 0.0
         address = given or URL.create("sqlite", database=str(file))
-        try:
-            return _retried(lambda: cls(address, data_dir), waits_s)
-        except UnavailableError as error:
-            if not waits_s:
-                raise
-            found = Message("{found}; it was tried for {waits_s:g} s", error.found, waits_s)
-            raise UnavailableError(found, error.allowed, error.remedy) from error
+        deadline = time.monotonic() + waits_s
+        while True:
+            try:
+                return cls(address, data_dir)
+            except UnavailableError as error:
+                if time.monotonic() < deadline:
+                    time.sleep(RETRY_S)
+                    continue
+                if not waits_s:
+                    raise
+                found = Message("{found}; it was tried for {waits_s:g} s", error.found, waits_s)
+                raise UnavailableError(found, error.allowed, error.remedy) from error
 
     def __enter__(self) -> Self:
         return self
@@ -290,7 +295,6 @@ class Database:
         action: Callable[[], Result],
         *,
         told: Callable[[str], None] | None = None,
-        longest_s: float = PATIENCE_S,
     ) -> Result:
         """Run an operation on the registry; retry while its server doesn't answer.
 
@@ -302,15 +306,23 @@ class Database:
             The operation, made of whole transactions, so that it can be repeated.
         told : callable, optional
             Called with the problem before the first retry.
-        longest_s : float
-            How long to retry, s.
 
         Raises
         ------
         UnavailableError
             The server is still unavailable.
         """
-        return _retried(action, 0.0 if self._sqlite else longest_s, told)
+        deadline = time.monotonic() + (0.0 if self._sqlite else PATIENCE_S)
+        while True:
+            try:
+                return action()
+            except UnavailableError as error:
+                if time.monotonic() >= deadline:
+                    raise
+                if told is not None:
+                    told(error.found)
+                    told = None
+                time.sleep(RETRY_S)
 
     def head(self) -> ChainHead:
         """Return the end of the chain, whose hash covers every record so far."""
@@ -496,22 +508,6 @@ def _bound(column: Column[Any], value: Any, session: Session) -> Any:
     if isinstance(column.type, TypeDecorator):
         return column.type.process_bind_param(value, session.get_bind().dialect)
     return value
-
-
-def _retried(
-    action: Callable[[], Result], longest_s: float, told: Callable[[str], None] | None = None
-) -> Result:
-    deadline = time.monotonic() + longest_s
-    while True:
-        try:
-            return action()
-        except UnavailableError as error:
-            if time.monotonic() >= deadline:
-                raise
-            if told is not None:
-                told(error.found)
-                told = None
-            time.sleep(RETRY_S)
 
 
 @contextmanager

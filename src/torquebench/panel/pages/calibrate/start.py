@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from nicegui import ui
@@ -107,17 +108,18 @@ class _Start:
                     words("a", text("prepare.own_profiles"), href="/settings?part=profiles")
             with panel(text("prepare.checks")), box("div", "stack"):
                 self._checks = box("ul", "stack")
-                button(text("prepare.start"), self._begin, "primary", picture="play_arrow")
+                button(
+                    text("prepare.start"),
+                    partial(begin, visitor, self._operation, self._form),
+                    "primary",
+                    picture="play_arrow",
+                )
                 self._plan = Preview(visitor, "calibrate")
         self._preview()
 
     def _preview(self) -> None:
         if self._form.check():
             self._plan.show(self._form.request())
-
-    async def _begin(self) -> None:
-        await begin(self._visitor, self._operation, self._form)
-        self.refresh()
 
     def _check(self) -> None:
         """Show whether the bench is ready."""
