@@ -284,8 +284,8 @@ class Acquisition:
         self._held.clear()
         if self._remembered_s:
             # edges take most of the memory
-            kept = block if self._description.recording.edges else replace(block, edges={})
-            self._remember(kept)
+            remembered = block if self._description.recording.edges else replace(block, edges={})
+            self._remember(remembered)
         return self._keep(block)
 
     def _remember(self, block: Block) -> None:
@@ -375,7 +375,7 @@ class Acquisition:
         """Send no more blocks to this viewer."""
         viewer.close()
         with self._lock:
-            self._viewers = tuple(kept for kept in self._viewers if kept is not viewer)
+            self._viewers = tuple(other for other in self._viewers if other is not viewer)
 
     # -- channels ---------------------------------------------------------------------------
 
@@ -391,8 +391,8 @@ class Acquisition:
 
     def use_reference(self, side: Side) -> None:
         """Time this side of the mounted standard, and its other side only if the drive is on."""
-        kept = {other for other in self._reference_sides if self._commands.side(other).enabled}
-        wanted = frozenset({side} | kept)
+        enabled = {other for other in self._reference_sides if self._commands.side(other).enabled}
+        wanted = frozenset({side} | enabled)
         if wanted != self._reference_sides:
             with self._lock:
                 self._reference_sides = wanted

@@ -224,14 +224,14 @@ class ActiveChain:
     def standing(self, temperature_c: float = np.nan) -> Torque:
         """Return the chain's torque for a reading of 0 in the stream's present state."""
         nothing = np.zeros(1)
-        known = Readings(
+        unloaded = Readings(
             nothing,
             counter_nm=nothing,
             speed_rpm=0.0,
             acceleration_rad_s2=0.0,
             temperature_c=temperature_c,
         )
-        return self._stream.copy().push(known)
+        return self._stream.copy().push(unloaded)
 
 
 class _Torques:

@@ -169,4 +169,4 @@ def with_stated_limits(
     side : {"input", "output"}
     """
     effects = chain_effects(description, side)
-    return chain.with_limits(each for each in effects if not isinstance(each, Reference))
+    return chain.with_limits(effect for effect in effects if not isinstance(effect, Reference))

@@ -229,7 +229,7 @@ class BenchClock:
     def wakes(self, time_s: float) -> bool:
         """Return whether advancing to a bench time ends a sleep, or nothing sleeps."""
         with self._condition:
-            first_s = min((each.until_s for each in self._sleepers), default=-math.inf)
+            first_s = min((sleeper.until_s for sleeper in self._sleepers), default=-math.inf)
         return first_s <= time_s + _TICK_S
 
     def advance_to(self, time_s: float, behind_s: float | None = None) -> None:

@@ -644,21 +644,21 @@ class BenchDescription(_Section):
     @property
     def serials(self) -> dict[str, str]:
         """Every serial number by its key."""
-        found: dict[str, str] = {"counter": self.counter.serial}
+        serials_by_role: dict[str, str] = {"counter": self.counter.serial}
         for name, part in (("guide_rail", self.guide_rail), ("power_supply", self.power_supply)):
             if part is not None:
-                found[name] = part.serial
+                serials_by_role[name] = part.serial
         for side in ("input", "output"):
             module: ModuleDescription = getattr(self, side)
-            found[f"{side}.transducer"] = module.transducer.serial
-            found[f"{side}.drive"] = module.drive.serial
-            found[f"{side}.encoder"] = module.encoder.serial
+            serials_by_role[f"{side}.transducer"] = module.transducer.serial
+            serials_by_role[f"{side}.drive"] = module.drive.serial
+            serials_by_role[f"{side}.encoder"] = module.encoder.serial
         for name in ("calibrator", "verification_standard"):
             standard: StandardDescription = getattr(self, name)
-            found[name] = standard.serial
-            found[f"{name}.input"] = standard.input.serial
-            found[f"{name}.output"] = standard.output.serial
-        return found
+            serials_by_role[name] = standard.serial
+            serials_by_role[f"{name}.input"] = standard.input.serial
+            serials_by_role[f"{name}.output"] = standard.output.serial
+        return serials_by_role
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

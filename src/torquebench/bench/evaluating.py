@@ -143,7 +143,7 @@ class BlockEvaluator:
             values = conditions[name]
             return values.item() if values.size == 1 else values[row]
 
-        known = {
+        quantities = {
             "speed_rpm": value(f"{side}_speed_rad_s") * RPM_PER_RAD_S,
             "temperature_c": value(f"{module.temperature_probe}_c"),
             "acceleration_rad_s2": value(f"{side}_acceleration_rad_s2"),
@@ -151,7 +151,7 @@ class BlockEvaluator:
             "angle_rad": angle_rad,
             "window_s": window_s,
         }
-        return active.push(record, known, value("time_s"), fine=fine)
+        return active.push(record, quantities, value("time_s"), fine=fine)
 
     def _angles(self, side: Side, time_s: FloatArray) -> FloatArray | None:
         """Return the shaft's angle at given times, rad; NaN without a value of the encoder."""

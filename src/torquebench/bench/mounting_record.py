@@ -97,30 +97,30 @@ class MountingRecord(BaseModel):
 
     def stated(self) -> dict[str, str]:
         """Return its statements by key, as figures that need no translation."""
-        found: dict[str, str] = {}
+        facts: dict[str, str] = {}
         if self.coaxiality_mm is not None:
             sign = "≤" if self.within_limit else ">"
-            found["coaxiality"] = f"{self.coaxiality_mm:g} mm ({sign} {COAXIALITY_LIMIT_MM:g} mm)"
+            facts["coaxiality"] = f"{self.coaxiality_mm:g} mm ({sign} {COAXIALITY_LIMIT_MM:g} mm)"
         if self.clamp_pressure_bar is not None:
-            found["clamp_pressure"] = f"{self.clamp_pressure_bar:g} bar"
+            facts["clamp_pressure"] = f"{self.clamp_pressure_bar:g} bar"
         if self.duration_min is not None:
-            found["mounting_time"] = f"{self.duration_min:g} min"
+            facts["mounting_time"] = f"{self.duration_min:g} min"
         lubrication = [
             self.lubricant,
             "" if self.lubricant_amount_g is None else f"{self.lubricant_amount_g:g} g",
             "" if self.lubricant_hours is None else f"{self.lubricant_hours:g} h",
         ]
         if any(lubrication):
-            found["lubrication"] = ", ".join(filter(None, lubrication))
+            facts["lubrication"] = ", ".join(filter(None, lubrication))
         if self.by:
-            found["mounted_by"] = self.by
-        return found
+            facts["mounted_by"] = self.by
+        return facts
 
     @classmethod
     def of_run(cls, metadata: Mapping[str, Any]) -> MountingRecord | None:
         """Return the record of a run's mounting; None if none was entered."""
-        found = metadata.get(MOUNTED)
-        return None if not found else cls.model_validate(found)
+        mounted = metadata.get(MOUNTED)
+        return None if not mounted else cls.model_validate(mounted)
 
     def metadata(self) -> dict[str, Any]:
         """Return its entry in a run's record."""

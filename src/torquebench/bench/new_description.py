@@ -205,8 +205,8 @@ def _quoted(text: str) -> str:
 def _heading(bench: NewBench) -> Iterator[str]:
     """Yield the lines about the whole bench and its counter."""
     counter = _sections()[bench.counter]["counter"]
-    found = bench.instrument(bench.counter)
-    serial = found.serial if found and found.serial else counter["serial"]
+    instrument = bench.instrument(bench.counter)
+    serial = instrument.serial if instrument and instrument.serial else counter["serial"]
     by_values = bench.counter not in COUNTERS
     yield f"# {bench.name}: torque by {bench.counter}, drives by {bench.drives}."
     yield "# Replace serial numbers, addresses, channels, limits and data of certificates, then run"
@@ -267,8 +267,8 @@ def _side(bench: NewBench, side: Side) -> Iterator[str]:
 
 
 def _drive_serial(bench: NewBench, side: Side) -> str:
-    found = bench.instrument(bench.drives, SIDES.index(side))
-    return found.serial if found and found.serial else f"D-{side}-1"
+    instrument = bench.instrument(bench.drives, SIDES.index(side))
+    return instrument.serial if instrument and instrument.serial else f"D-{side}-1"
 
 
 def _standards(bench: NewBench) -> Iterator[str]:
@@ -306,8 +306,8 @@ def _instruments(bench: NewBench) -> Iterator[str]:
         section = template.get(role) or template["modes"]
         yield f"[driver.{key}]"
         text = Template(section["text"].strip()).substitute(_values(bench, section, side))
-        place = SIDES.index(side) if side and protocol in ("canopen", "moteus") else 0
-        yield from (_with_found(text, bench.instrument(protocol, place)), "")
+        position = SIDES.index(side) if side and protocol in ("canopen", "moteus") else 0
+        yield from (_with_found(text, bench.instrument(protocol, position)), "")
     if bench.found:
         yield "# Found by the scan:"
         for each in bench.found:

@@ -58,16 +58,16 @@ def scan(
         A host or a bus is written wrongly, or there are too many addresses.
     """
     addresses = addresses_of(hosts)
-    found = [*_serial_ports(), *_visa_resources(), *_daqmx_devices(), *_can_nodes(buses)]
+    instruments = [*_serial_ports(), *_visa_resources(), *_daqmx_devices(), *_can_nodes(buses)]
     with ThreadPoolExecutor(_AT_ONCE) as pool:
         searches = [(host, port) for host in addresses for port in PORTS]
         progress.start("search the network", len(searches))
         answers = pool.map(lambda search: _at_port(*search), searches)
         for done, answer in enumerate(answers):
             progress.reach(done + 1, searches[done][0])
-            found += [answer] if answer is not None else []
-        progress.finish(Message("{number} found", len(found)))
-    return tuple(found)
+            instruments += [answer] if answer is not None else []
+        progress.finish(Message("{number} found", len(instruments)))
+    return tuple(instruments)
 
 
 def addresses_of(hosts: Iterable[str]) -> list[str]:
@@ -235,5 +235,5 @@ def _asked_by_opcua(address: str) -> tuple[str, str]:
         return "", ""
     with contextlib.suppress(library.ua.UaError, OSError, TimeoutError):  # no server after all
         servers = asyncio.run(library.Client(address, ANSWER_S).connect_and_find_servers())
-        return ", ".join(each.ApplicationName.Text for each in servers), ""
+        return ", ".join(server.ApplicationName.Text for server in servers), ""
     return "", ""

@@ -141,23 +141,23 @@ class SideCommands:
 
     def ask(self, quantity: Quantity, value: float, rate: float, time_s: float) -> SetPoint:
         """Record that a command is about to be given."""
-        asked = SetPoint(value, rate, asked_s=time_s, told_s=math.inf)
-        self.set_points[quantity] = asked
+        requested = SetPoint(value, rate, asked_s=time_s, told_s=math.inf)
+        self.set_points[quantity] = requested
         self.controls = quantity
-        return asked
+        return requested
 
     def told(self, quantity: Quantity, asked: SetPoint, time_s: float) -> SetPoint:
         """Record that the command was given, unless another one followed; return it."""
-        told = replace(asked, told_s=time_s)
+        confirmed = replace(asked, told_s=time_s)
         if self.set_points[quantity] is asked:
             if quantity == "torque":
                 self.torque_nm = asked.value
             else:
                 self.speed_rad_s = asked.value
-                self.turned = self.turned.commanded(told)
+                self.turned = self.turned.commanded(confirmed)
             self.changed_s = time_s
-            self.set_points[quantity] = told
-        return told
+            self.set_points[quantity] = confirmed
+        return confirmed
 
     def on(self) -> None:
         """Record that the drive has power, at zero torque."""
@@ -176,18 +176,18 @@ class SideCommands:
         """Record that the drive is about to be commanded to zero, within a ramp's time."""
         self.torque_nm = self.speed_rad_s = 0.0
         self.changed_s = time_s
-        asked = SetPoint(within_s=ramp_s, asked_s=time_s, told_s=math.inf)
-        self.set_points["torque"] = self.set_points["speed"] = asked
-        return asked
+        requested = SetPoint(within_s=ramp_s, asked_s=time_s, told_s=math.inf)
+        self.set_points["torque"] = self.set_points["speed"] = requested
+        return requested
 
     def told_zero(self, asked: SetPoint, time_s: float) -> None:
         """Note when the drive got the set point 0, unless another set point followed it."""
-        told = replace(asked, told_s=time_s)
+        confirmed = replace(asked, told_s=time_s)
         for quantity, point in self.set_points.items():
             if point is asked:
-                self.set_points[quantity] = told
+                self.set_points[quantity] = confirmed
                 if quantity == "speed":
-                    self.turned = self.turned.commanded(told)
+                    self.turned = self.turned.commanded(confirmed)
 
     def at_zero(self, time_s: float) -> None:
         """Record that the drive is at zero torque and speed."""

@@ -218,15 +218,15 @@ def place_points(data: CalibrationData, settings: Adaptive) -> Proposed:
         warnings.simplefilter("ignore")  # the final fit reports its outliers
         model.fit(X, data.standard_nm)
         count = min(settings.points_at_a_time, settings.points - len(data))
-        found = propose_points(
+        proposal = propose_points(
             model, X, data.standard_nm, max(count, 1), criterion=settings.criterion
         )
     percent = 100.0 * COVERAGE_FACTOR / data.range_nm
-    now = percent * found.before_nm
+    now = percent * proposal.before_nm
     reached = settings.target_percent is not None and now <= settings.target_percent
     if reached or count < 1:
         return Proposed(np.empty(0), np.empty(0, dtype=np.int8), now, now)
-    return Proposed(found.nominal_nm, found.branch, now, percent * found.after_nm)
+    return Proposed(proposal.nominal_nm, proposal.branch, now, percent * proposal.after_nm)
 
 
 def even_points(

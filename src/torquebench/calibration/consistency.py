@@ -193,8 +193,8 @@ def examine(data: CalibrationData) -> Examination:
     from torquebench.compensation.base import single_blas_thread
 
     with single_blas_thread():
-        found = _Search(_Table.of(data, left)).examination()
-    return replace(found, disagreements=(*obvious, *found.disagreements))
+        examination = _Search(_Table.of(data, left)).examination()
+    return replace(examination, disagreements=(*obvious, *examination.disagreements))
 
 
 _FOLLOWS = 0.1
@@ -212,7 +212,7 @@ def _obvious(data: CalibrationData) -> tuple[tuple[Disagreement, ...], NDArray[n
     swapped = reading * standard < 0.0
     against = np.flatnonzero(loaded & (swapped != (2 * np.sum(loaded & swapped) > np.sum(loaded))))
     same = np.flatnonzero(loaded & ~np.isin(np.arange(len(data)), against))
-    found = []
+    explanations = []
     gone = np.zeros(len(data), dtype=np.bool_)
     for rows in np.split(against, np.flatnonzero(np.diff(np.searchsorted(same, against))) + 1):
         if rows.size >= FEWEST_ROWS:
@@ -223,7 +223,7 @@ def _obvious(data: CalibrationData) -> tuple[tuple[Disagreement, ...], NDArray[n
             end = int(after[0]) - 1 if after.size else len(data) - 1
             gone[begin : end + 1] = True
             size = float(np.max(np.abs(standard[rows] - reading[rows])))
-            found.append(
+            explanations.append(
                 Disagreement("sign", first, last, (begin, first), (last, end), None, None, size)
             )
     for name, held, moving in (
@@ -236,9 +236,9 @@ def _obvious(data: CalibrationData) -> tuple[tuple[Disagreement, ...], NDArray[n
             gone[first:end] = True
             size = float(np.max(np.abs(standard[first:end] - reading[first:end])))
             last = end - 1
-            place = (first, last, (first, first), (last, last))
-            found.append(Disagreement("stuck", *place, None, None, size, name))
-    return tuple(found), np.flatnonzero(~gone)
+            bounds = (first, last, (first, first), (last, last))
+            explanations.append(Disagreement("stuck", *bounds, None, None, size, name))
+    return tuple(explanations), np.flatnonzero(~gone)
 
 
 def _stuck(held: FloatArray, moving: FloatArray, largest: float) -> Iterator[tuple[int, int]]:
@@ -433,10 +433,10 @@ class _Description:
         farthest = 4.0 * self.prior_sd
         bounds = optimize.Bounds(self.prior_mean - farthest, self.prior_mean + farthest)
         begin = self.prior_mean if start is None else start
-        found: Any = optimize.minimize(
+        minimum: Any = optimize.minimize(
             loss, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps}
         )
-        return -float(found.fun), np.asarray(found.x)
+        return -float(minimum.fun), np.asarray(minimum.x)
 
 
 def _inverse(matrix: FloatArray) -> tuple[FloatArray, float]:
@@ -590,8 +590,8 @@ class _Search:
         n, legs = self.size, int(self.cut.sum())
         odds = np.full(first.size, 0.2 / (n * n / 2.0))
         odds[end == n] = 0.5 / n
-        whole = self.cut[first] & self.cut[end]
-        odds[whole] = np.maximum(odds[whole], 0.3 / (legs * (legs - 1) / 2.0))
+        cut_at_both = self.cut[first] & self.cut[end]
+        odds[cut_at_both] = np.maximum(odds[cut_at_both], 0.3 / (legs * (legs - 1) / 2.0))
         return np.asarray(np.log(FALSE_ALARM * odds) - _DECADE)
 
     def prior_of(self, explanation: _Explanation) -> float:
@@ -604,7 +604,10 @@ class _Search:
 
     def columns(self, explanations: Sequence[_Explanation]) -> FloatArray:
         return np.hstack(
-            [np.zeros((self.size, 0)), *(each.columns(self.table.u) for each in explanations)]
+            [
+                np.zeros((self.size, 0)),
+                *(explanation.columns(self.table.u) for explanation in explanations),
+            ]
         )
 
     def candidates(
@@ -612,21 +615,21 @@ class _Search:
     ) -> list[tuple[float, _Explanation]]:
         """Return the most probable further explanations, with their log odds."""
         scores = list(self._scan(amplitudes, accepted))
-        known = {each.place for each in accepted}
-        found = []
+        places = {each.place for each in accepted}
+        explanations = []
         for kind, odds, zero, scale in scores:
             taken: list[tuple[int, int]] = []
             for k in np.argsort(-odds)[:200]:
                 first, end = int(self.first[k]), int(self.end[k])
                 near = any(abs(first - begin) + abs(end - stop) <= 2 for begin, stop in taken)
-                if odds[k] < _HOPELESS or near or (kind, first, end) in known:
+                if odds[k] < _HOPELESS or near or (kind, first, end) in places:
                     continue
                 taken.append((first, end))
                 explanation = _Explanation(kind, first, end, float(zero[k]), float(scale[k]))
-                found.append((float(odds[k]), explanation))
+                explanations.append((float(odds[k]), explanation))
                 if len(taken) == 2:
                     break
-        return sorted(found, key=lambda each: -each[0])
+        return sorted(explanations, key=lambda each: -each[0])
 
     def _scan(
         self, amplitudes: FloatArray, accepted: Sequence[_Explanation]
@@ -665,14 +668,14 @@ class _Search:
         untold = rows | (ss < 1e-6 * ss.max())
         yield "scale", np.where(untold, none, scale_odds + self.prior), zero, scale
         determinant = zz * ss - zs**2
-        told = ~rows & (determinant > 1e-4 * zz * ss) & (end - first > FEWEST_ROWS)
-        determinant = np.where(told, determinant, 1.0)
+        distinguishable = ~rows & (determinant > 1e-4 * zz * ss) & (end - first > FEWEST_ROWS)
+        determinant = np.where(distinguishable, determinant, 1.0)
         by_zero, by_scale = (ss * z - zs * s) / determinant, (zz * s - zs * z) / determinant
         zero, scale = np.maximum(np.abs(by_zero), 10.0), np.maximum(np.abs(by_scale), 10.0)
         inner = (1.0 + zero**2 * zz) * (1.0 + scale**2 * ss) - (zero * scale * zs) ** 2
         odds = 0.5 * (by_zero * z + by_scale * s) - 0.5 * np.log(np.maximum(inner, 1.0))
         prior = self.prior + np.log(_BOTH) - _DECADE
-        yield "both", np.where(told, odds + prior, none), zero, scale
+        yield "both", np.where(distinguishable, odds + prior, none), zero, scale
 
     def run(self) -> tuple[list[_Explanation], FloatArray]:
         """Return the accepted explanations, and the amplitudes.
@@ -716,14 +719,14 @@ class _Search:
 
         A fault inflates the fitted amplitudes, which can hide it and its size.
         """
-        found: dict[tuple[str, int, int], _Explanation] = {}
+        best: dict[tuple[str, int, int], _Explanation] = {}
         for assumed in (amplitudes, self.description.prior_mean):
             for _, one in self.candidates(assumed, accepted)[:_TESTED]:
-                other = found.get(one.place, one)
-                found[one.place] = replace(
+                other = best.get(one.place, one)
+                best[one.place] = replace(
                     one, zero=max(one.zero, other.zero), scale=max(one.scale, other.scale)
                 )
-        return list(found.values())
+        return list(best.values())
 
     def _pruned(
         self, accepted: list[_Explanation], evidence: float, amplitudes: FloatArray

@@ -543,8 +543,8 @@ class CalibrationData:
         changes: dict[str, Any] = {}
         for name in ("reading_nm", "standard_nm", "branch", *OPTIONAL_COLUMNS, *PLACE_COLUMNS):
             columns = [getattr(part, name) for part in parts]
-            known = all(column is not None for column in columns)
-            changes[name] = np.concatenate(columns) if known else None
+            complete = all(column is not None for column in columns)
+            changes[name] = np.concatenate(columns) if complete else None
         changes["series"] = np.concatenate(list(_renumbered(part.series for part in parts)))
         changes["simulated"] = any(part.simulated for part in parts)
         changes["tared"] = all(part.tared for part in parts)
@@ -657,13 +657,13 @@ def _branch_of_series(torque: NDArray[np.float64], tolerance: float) -> NDArray[
     loaded = np.abs(torque) > tolerance
     crossed = (np.sign(torque[1:]) != np.sign(torque[:-1])) & loaded[1:] & loaded[:-1]
     step[crossed] = 1
-    known = np.flatnonzero(step)
-    if known.size == 0:
+    moving = np.flatnonzero(step)
+    if moving.size == 0:
         return np.ones(torque.size, dtype=np.int8)
     # Each unknown change takes the last known one; changes before the first known one take that
     # one.
     last_known = np.maximum.accumulate(np.where(step != 0, np.arange(step.size), -1))
-    filled = step[np.where(last_known >= 0, last_known, known[0])]
+    filled = step[np.where(last_known >= 0, last_known, moving[0])]
     return np.concatenate([filled[:1], filled]).astype(np.int8)
 
 
@@ -706,14 +706,16 @@ def _column(name: str, value: ArrayLike, n: int) -> NDArray[Any]:
 
 def _whole_numbers(name: str, column: NDArray[np.float64]) -> NDArray[Any]:
     """Return a column as integers; refuse other numbers."""
-    whole = np.rint(column)
-    bad = np.flatnonzero(whole != column)
+    rounded = np.rint(column)
+    bad = np.flatnonzero(rounded != column)
     if bad.size:
         raise InputError(
             Message("{name} {column} at point {bad}", name, column[bad[0]], bad[0] + 1),
             "whole numbers",
         )
-    return whole.astype(np.int8 if name == "branch" and np.all(np.abs(whole) <= 1) else np.int64)
+    return rounded.astype(
+        np.int8 if name == "branch" and np.all(np.abs(rounded) <= 1) else np.int64
+    )
 
 
 def _check_branch(branch: NDArray[np.int8]) -> None:

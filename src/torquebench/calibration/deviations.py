@@ -140,7 +140,7 @@ def find_deviations(record: CalibrationRecord, profile: Profile) -> tuple[Deviat
     >>> [(deviation.kind, deviation.clause, deviation.consequence) for deviation in found][-1]
     ('temperature_drift', 'environment.temperature_drift_k', 'state')
     """
-    found = [
+    deviations = [
         *_missing(record.data, profile),
         *_steps_off(record.data, profile),
         *_zero_returns(record.data, profile),
@@ -148,7 +148,7 @@ def find_deviations(record: CalibrationRecord, profile: Profile) -> tuple[Deviat
         *_temperature(record.data, profile),
     ]
     if record.unsettled:
-        found.append(
+        deviations.append(
             _deviation(
                 profile,
                 "unsettled",
@@ -161,7 +161,7 @@ def find_deviations(record: CalibrationRecord, profile: Profile) -> tuple[Deviat
                 ),
             )
         )
-    found += [
+    deviations += [
         _deviation(
             profile,
             "changed_record",
@@ -171,7 +171,7 @@ def find_deviations(record: CalibrationRecord, profile: Profile) -> tuple[Deviat
         )
         for change in record.changes
     ]
-    return tuple(found)
+    return tuple(deviations)
 
 
 def refuse_deviations(deviations: tuple[Deviation, ...]) -> None:
@@ -333,7 +333,7 @@ def _series_present(
     """
     position = np.zeros(len(data)) if data.position_deg is None else data.position_deg
     direction = data.loading_direction()
-    found: dict[tuple[float, int], list[tuple[NDArray[np.intp], bool]]] = {}
+    present: dict[tuple[float, int], list[tuple[NDArray[np.intp], bool]]] = {}
     for number in dict.fromkeys(data.series.tolist()):
         member = np.flatnonzero(data.series == number)
         signs = set(direction[member].tolist()) - {0}
@@ -343,8 +343,8 @@ def _series_present(
         for sign, rows in parts.items():
             loaded = ~data.unloaded[rows]
             decreasing = bool(np.any(loaded & (data.branch[rows] < 0)))
-            found.setdefault((float(position[member[0]]), sign), []).append((rows, decreasing))
-    return found
+            present.setdefault((float(position[member[0]]), sign), []).append((rows, decreasing))
+    return present
 
 
 def _missing_steps(

@@ -118,14 +118,14 @@ def span_errors(data: CalibrationData) -> dict[str, float]:
     >>> {name: round(value, 6) for name, value in span_errors(data).items()}
     {'clockwise': 0.2, 'counter-clockwise': 0.0}
     """
-    found = {}
+    errors = {}
     for sign, name in ((1, "clockwise"), (-1, "counter-clockwise")):
         here = data.direction == sign
         if np.any(here):
             reading, standard = data.reading_nm[here], data.standard_nm[here]
             slope = float(np.dot(reading, standard) / np.dot(standard, standard))
-            found[name] = 100.0 * (slope - 1.0)
-    return found
+            errors[name] = 100.0 * (slope - 1.0)
+    return errors
 
 
 def individuals_chart(values: ArrayLike, base: int | None = None) -> ControlChart:

@@ -614,8 +614,8 @@ def classify(
         first = 0 if failing.size == 0 else int(failing[-1]) + 1
         starts[accuracy_class] = float(evaluation.torque_nm[first]) if first < meets.size else None
     smallest = float(evaluation.torque_nm[0])
-    whole = [accuracy_class for accuracy_class, start in starts.items() if start == smallest]
-    return Classification(starts_nm=starts, whole_range=min(whole, default=None))
+    classes = [accuracy_class for accuracy_class, start in starts.items() if start == smallest]
+    return Classification(starts_nm=starts, whole_range=min(classes, default=None))
 
 
 def _limited(

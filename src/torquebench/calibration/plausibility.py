@@ -114,17 +114,17 @@ class Contradiction:
         >>> Contradiction.of_text(str(limit)) == limit
         True
         """
-        found, _, rest = text.partition("; allowed: ")
+        message, _, rest = text.partition("; allowed: ")
         allowed, _, rest = rest.partition(" (clause ")
         clause, _, cause = rest.partition("). ")
         if not clause:
             allowed, _, cause = allowed.partition(". ")
-            return cls("unknown", "", found, allowed, cause)
+            return cls("unknown", "", message, allowed, cause)
         name = clause.rpartition(".")[2].removesuffix("_percent")
         kinds: tuple[ContradictionKind, ...] = get_args(ContradictionKind)
         named = [each for each in kinds if each.startswith(name)]
         kind: ContradictionKind = named[0] if named else "unknown"
-        return cls(kind, clause, found, allowed, cause)
+        return cls(kind, clause, message, allowed, cause)
 
 
 def examine_table(data: CalibrationData) -> Examination:
@@ -202,9 +202,12 @@ def find_contradictions(
     ['scale']
     """
     examination = examination or examine_table(data)
-    found = [contradiction_of(data, each, examination) for each in examination.disagreements]
-    found += _opposite(data)
-    return (*found, *_exceeded(data, limits or Plausibility(), torque_nm, before_nm))
+    contradictions = [
+        contradiction_of(data, disagreement, examination)
+        for disagreement in examination.disagreements
+    ]
+    contradictions += _opposite(data)
+    return (*contradictions, *_exceeded(data, limits or Plausibility(), torque_nm, before_nm))
 
 
 def contradiction_of(
@@ -217,15 +220,15 @@ def contradiction_of(
         examination.expanded_nm,
     )
     if part.cause == "sign":
-        found = Message("{where}: reading and standard have opposite signs", where)
+        message = Message("{where}: reading and standard have opposite signs", where)
         allowed = Message("the sign of the other rows")
         cause = "The sign of one of them is swapped there."
-        return Contradiction("sign", "", found, allowed, cause)
+        return Contradiction("sign", "", message, allowed, cause)
     if part.cause == "stuck":
         values = data.reading_nm if part.constant == "reading" else data.standard_nm
         others = data.standard_nm if part.constant == "reading" else data.reading_nm
         rows = slice(part.first, part.last + 1)
-        found = Message(
+        message = Message(
             "{where}: the {stuck} stays at {value:.6g} N·m, while the {other} goes from {low:.6g} "
             "to {high:.6g} N·m",
             where,
@@ -235,7 +238,7 @@ def contradiction_of(
             others[rows].min(),
             others[rows].max(),
         )
-        return Contradiction("stuck", "", found, "a value that follows", "It is stuck there.")
+        return Contradiction("stuck", "", message, "a value that follows", "It is stuck there.")
     parts = []
     if part.zero_nm is not None:
         parts.append(Message("{zero:+.3g} N·m ± {u:.2g} N·m", part.zero_nm, part.zero_expanded_nm))
@@ -247,7 +250,7 @@ def contradiction_of(
                 part.scale_expanded_percent,
             )
         )
-    found = Message(
+    message = Message(
         "{where}: standard − reading differs from that of the other rows by {size}, at most "
         "{largest:.3g} N·m",
         where,
@@ -258,7 +261,7 @@ def contradiction_of(
         "zero": "A zero has moved there.",
         "scale": "The scale of the reading or of the standard has changed there.",
     }.get(part.cause, "")
-    return Contradiction(part.cause, "", found, allowed, cause)
+    return Contradiction(part.cause, "", message, allowed, cause)
 
 
 def rows_in_words(data: CalibrationData, first: int, last: int | None = None) -> str:
@@ -407,11 +410,11 @@ def _loops(data: CalibrationData, limit: float) -> Iterator[Contradiction]:
 def _middle_of_neighbours(values: FloatArray) -> FloatArray:
     """Return medians of each finite value and its neighbours, so that one outlier makes no loop."""
     medians = values.copy()
-    known = np.flatnonzero(np.isfinite(values))
-    for before, here, after in zip(known, known[1:], known[2:], strict=False):
+    finite = np.flatnonzero(np.isfinite(values))
+    for before, here, after in zip(finite, finite[1:], finite[2:], strict=False):
         medians[here] = np.median(values[[before, here, after]])
-    if known.size > 2:
-        medians[known[[0, -1]]] = medians[known[[1, -2]]]
+    if finite.size > 2:
+        medians[finite[[0, -1]]] = medians[finite[[1, -2]]]
     return medians
 
 

@@ -222,7 +222,7 @@ class Profile(_Settings):
         """Refuse adaptive points without a coarse ladder on both branches, or fewer than it has."""
         if self.adaptive is None:
             return self
-        if self.loading.pattern != "ladder" or [each.series for each in self.positions] != [
+        if self.loading.pattern != "ladder" or [position.series for position in self.positions] != [
             ("up-down",)
         ]:
             raise ValueError("adaptive needs a ladder and one position with one up-down series")
@@ -351,7 +351,7 @@ class Profile(_Settings):
         InputError
             Where the profile has no such option, or the value lies outside its limits.
         """
-        given: dict[str, Any] = {
+        changes: dict[str, Any] = {
             "rising_only": rising_only,
             "repeats": repeats,
             "step_percent": step_percent,
@@ -362,23 +362,23 @@ class Profile(_Settings):
             "same_points": same_points,
             "target_percent": target_percent,
         }
-        given = {name: value for name, value in given.items() if value is not None}
+        changes = {name: value for name, value in changes.items() if value is not None}
         allowed = _OPTIONS[self.loading.pattern if self.adaptive is None else "adaptive"]
-        for name in given:
+        for name in changes:
             if name not in allowed:
                 raise InputError(
                     Message("option {option} for the profile {profile}", name, self.name),
                     Message("the options {allowed}", ", ".join(sorted(allowed))),
                 )
         document = self.model_dump(mode="python")
-        if "up_to_percent" in given:
-            self._shrink(document, given.pop("up_to_percent"), given)
-        if given.pop("rising_only", False):
+        if "up_to_percent" in changes:
+            self._shrink(document, changes.pop("up_to_percent"), changes)
+        if changes.pop("rising_only", False):
             for position in document["positions"]:
                 position["series"] = tuple("up" for _ in position["series"])
-        if "step_percent" in given:
+        if "step_percent" in changes:
             document["loading"]["steps_percent"] = ()
-        for name, value in given.items():
+        for name, value in changes.items():
             table = "adaptive" if name in _ADAPTIVE_OPTIONS and self.adaptive else "loading"
             document[table][name] = value
         return validated(type(self), document, f"profile {self.name}")
@@ -464,9 +464,9 @@ class _Staircase:
         """Yield zeros, preloads, turns and points in the order in which they are loaded."""
         profile = self.profile
         # A cycle or a group of random points goes through all directions within one series.
-        whole = profile.loading.pattern != "ladder"
+        separate = profile.loading.pattern != "ladder"
         every = profile.signs
-        per_direction = [every] if whole else [(sign,) for sign in every]
+        per_direction = [every] if separate else [(sign,) for sign in every]
         once = profile.zero.when == "once"
         for number, position in enumerate(profile.positions):
             change: Change = position.change
@@ -562,11 +562,11 @@ class _Staircase:
         assert self.rng is not None
         grid = self.profile.loading.step_percent or 100.0 / count
         drawn = (np.arange(count) + self.rng.uniform(0.0, 1.0, count)) * (100.0 / count) / grid
-        whole = np.floor(drawn)
-        width = np.minimum(grid, 100.0 - whole * grid)  # the last step may be narrower
-        share = np.minimum((drawn - whole) * grid / width, 1.0)
+        grid_numbers = np.floor(drawn)
+        width = np.minimum(grid, 100.0 - grid_numbers * grid)  # the last step may be narrower
+        share = np.minimum((drawn - grid_numbers) * grid / width, 1.0)
         fraction = _OFF_GRID_SHARE + (1.0 - 2.0 * _OFF_GRID_SHARE) * share
-        return [float(percent) for percent in whole * grid + fraction * width]
+        return [float(percent) for percent in grid_numbers * grid + fraction * width]
 
     def _zero(self, position: Position) -> Step:
         return self._step("zero", 0.0, position, 0, self.profile.zero.duration_s)

@@ -79,7 +79,7 @@ def _runs(data: CalibrationData) -> list[_Run]:
             same[np.argsort(np.abs(same - first))][:1],
             zeros[np.argsort(np.abs(zeros - first))][:1],
         )
-        zero = next((int(each[0]) for each in candidates if each.size), None)
+        zero = next((int(candidate[0]) for candidate in candidates if candidate.size), None)
         runs.append(
             _Run(
                 int(data.series[first]),
@@ -149,11 +149,11 @@ def tare(data: CalibrationData) -> TaredPoints:
             owner[run.final_zero] = number
     remarks = []
     if np.any(zeros != 0.0):
-        shown = list(dict.fromkeys(f"{value:.5g}" for value in zeros))
-        more = Message(" and {count} more", len(shown) - 8) if len(shown) > 8 else ""
+        texts = list(dict.fromkeys(f"{value:.5g}" for value in zeros))
+        more = Message(" and {count} more", len(texts) - 8) if len(texts) > 8 else ""
         remarks.append(
             Message(
-                "zero of each series, subtracted: {zeros} N·m{more}", ", ".join(shown[:8]), more
+                "zero of each series, subtracted: {zeros} N·m{more}", ", ".join(texts[:8]), more
             )
         )
     late = dict.fromkeys(str(run.series) for run in runs if (run.zero or 0) > run.rows[0])
@@ -316,9 +316,9 @@ def loading_series(data: CalibrationData, direction: int) -> Loading | None:
         at = np.searchsorted(steps, np.abs(nominal[rows[keep]]))
         keep_at = at < steps.size
         at, values, origin = at[keep_at], values[keep][keep_at], rows[keep][keep_at]
-        known = steps[at] == np.abs(nominal[origin])
-        count = np.bincount(at[known], minlength=steps.size)
-        total = np.bincount(at[known], weights=values[known], minlength=steps.size)
+        matching = steps[at] == np.abs(nominal[origin])
+        count = np.bincount(at[matching], minlength=steps.size)
+        total = np.bincount(at[matching], weights=values[matching], minlength=steps.size)
         return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
     series = []
@@ -345,11 +345,11 @@ def loading_series(data: CalibrationData, direction: int) -> Loading | None:
 
 def _listed(steps_nm: FloatArray) -> Message | str:
     """Return the first steps in words, and the number of further ones."""
-    shown = ", ".join(f"{step:g}" for step in steps_nm[:4])
+    texts = ", ".join(f"{step:g}" for step in steps_nm[:4])
     return (
-        Message("{steps} and {count} more", shown, steps_nm.size - 4)
+        Message("{steps} and {count} more", texts, steps_nm.size - 4)
         if steps_nm.size > 4
-        else shown
+        else texts
     )
 
 

@@ -282,9 +282,9 @@ def verify(
     for name, chain in models.items():
         stated = (torques or {}).get(name)
         torque = chain.torque(data.readings()) if stated is None else stated
-        found = _verified(name, torque.value_nm, data, places)
+        errors = _verified(name, torque.value_nm, data, places)
         largest = float(np.max(torque.expanded_uncertainty_nm))
-        verified.append(replace(found, expanded_uncertainty_nm=largest))
+        verified.append(replace(errors, expanded_uncertainty_nm=largest))
     return VerificationResult(
         range_nm=data.range_nm,
         groups=int(np.unique(data.series).size),

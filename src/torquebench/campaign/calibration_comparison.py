@@ -124,7 +124,7 @@ class CalibrationComparison:
     @property
     def significant(self) -> tuple[CalibrationStep, ...]:
         """Steps at which the change exceeds its uncertainty."""
-        return tuple(each for each in self.steps if each.significant)
+        return tuple(step for step in self.steps if step.significant)
 
     def verdict(self) -> str:
         """Return one sentence that states whether the chain has changed."""
@@ -148,7 +148,9 @@ class CalibrationComparison:
 def model_of_calibration(registry: Registry, calibration: CalibrationEntry) -> ModelEntry | None:
     """Return the model of a calibration that is in use, or the latest one; None without one."""
     fitted = registry.models(calibration_id=calibration.calibration_id)
-    used = [each.model_id for each in registry.activations(calibration.transducer_serial)]
+    used = [
+        activation.model_id for activation in registry.activations(calibration.transducer_serial)
+    ]
     for model_id in reversed(used):
         for entry in fitted:
             if entry.model_id == model_id:
@@ -246,10 +248,10 @@ def _steps(
     reading = np.concatenate(sides)
     reading = np.sort(reading[(reading >= low) & (reading <= high)])
     branches = (1, -1) if any(chain.curve.branch_aware for chain in chains) else (0,)
-    found = []
+    steps = []
     for branch in branches:
-        known = _readings(reading, branch, chains)
-        before, after = (chain.torque(known) for chain in chains)
+        readings = _readings(reading, branch, chains)
+        before, after = (chain.torque(readings) for chain in chains)
         shared = _of_standard(chains, before) if same_standard else frozenset[str]()
         added = [torque.value_nm - reading for torque in (before, after)]
         for row in range(reading.size):
@@ -261,12 +263,12 @@ def _steps(
                 error = change_nm / u_nm
             else:
                 error = float(np.sign(change_nm) * np.inf) if change_nm else 0.0
-            found.append(
+            steps.append(
                 CalibrationStep(
                     float(reading[row]), branch, before_nm, after_nm, change_nm, u_nm, error
                 )
             )
-    return tuple(found)
+    return tuple(steps)
 
 
 def _readings(reading: FloatArray, branch: int, chains: list[MeasuringChain]) -> Readings:
@@ -301,11 +303,11 @@ def _of_standard(chains: list[MeasuringChain], torque: Torque) -> frozenset[str]
     """Return the names of components that come from the reference standard."""
     nothing = Readings(torque.value_nm)
     return frozenset(
-        each.name
+        component.name
         for chain in chains
         for effect in chain.stored
         if isinstance(effect, Reference)
-        for each in effect.components(nothing, torque.value_nm)
+        for component in effect.components(nothing, torque.value_nm)
     )
 
 
@@ -315,7 +317,7 @@ def _side_by_side(before: Torque, after: Torque, of_standard: frozenset[str]) ->
     The errors of the two calibrations and of the two mountings are separate. Those of the common
     standard and those of the reading itself are shared.
     """
-    found: list[Component] = []
+    components: list[Component] = []
     nothing = np.zeros(1)
     first, second = _by_name(before), _by_name(after)
     for key in dict.fromkeys((*first, *second)):
@@ -325,16 +327,16 @@ def _side_by_side(before: Torque, after: Torque, of_standard: frozenset[str]) ->
         rows = [(sizes[0], sizes[1])]
         if shared in (Shared.CALIBRATION, Shared.MOUNTING) and key[0] not in of_standard:
             rows = [(sizes[0], nothing), (nothing, sizes[1])]
-        found += [Component(key[0], shared, np.concatenate(each)) for each in rows]
-    return Torque(np.concatenate([before.value_nm, after.value_nm]), tuple(found))
+        components += [Component(key[0], shared, np.concatenate(row)) for row in rows]
+    return Torque(np.concatenate([before.value_nm, after.value_nm]), tuple(components))
 
 
 def _by_name(torque: Torque) -> dict[tuple[str, int], Component]:
     """Return components keyed by their name and their number among components of that name."""
-    names = [each.name for each in torque.components]
+    names = [component.name for component in torque.components]
     return {
-        (each.name, names[:place].count(each.name)): each
-        for place, each in enumerate(torque.components)
+        (each.name, names[:number].count(each.name)): each
+        for number, each in enumerate(torque.components)
     }
 
 
@@ -343,8 +345,8 @@ def _remarks(
 ) -> tuple[str, ...]:
     """Name the circumstances in which two calibrations differ."""
     remarks: list[str] = []
-    for place, direction in ((1, "clockwise"), (0, "counter-clockwise")):
-        reached = [abs(entry.valid_nm[place]) for entry in (before, after)]
+    for number, direction in ((1, "clockwise"), (0, "counter-clockwise")):
+        reached = [abs(entry.valid_nm[number]) for entry in (before, after)]
         if abs(reached[1] - reached[0]) > SAME_RANGE * max(reached):
             remarks.append(
                 Message(
@@ -370,8 +372,10 @@ def _remarks(
                 )
             )
     remarks += [
-        Message("the transducer was adjusted between them, {performed:%Y-%m-%d}", each.performed)
-        for each in registry.adjustments(before.transducer_serial)
-        if before.performed < each.performed <= after.performed
+        Message(
+            "the transducer was adjusted between them, {performed:%Y-%m-%d}", adjustment.performed
+        )
+        for adjustment in registry.adjustments(before.transducer_serial)
+        if before.performed < adjustment.performed <= after.performed
     ]
     return tuple(remarks)

@@ -55,7 +55,7 @@ def remark_another_standard(
 ) -> None:
     """Call `remark` with a sentence if a table's U of the standard isn't the stated one."""
     if data.reference is not None and data.reference.certified != certified:
-        noted, given = (
+        noted, described = (
             each.largest_nm(data.range_nm) for each in (data.reference.certified, certified)
         )
         remark(
@@ -64,7 +64,7 @@ def remark_another_standard(
                 "was entered, up to {given:.4g} N·m, is used instead",
                 source,
                 noted,
-                given,
+                described,
             )
         )
 
@@ -115,8 +115,8 @@ def step_noise(data: CalibrationData, effects: Sequence[Effect]) -> tuple[Effect
     if data.standard_error_nm is None:
         return tuple(effects)
     steps_nm = float(np.nanmedian(data.standard_error_nm))
-    others = tuple(each for each in effects if not isinstance(each, Counter))
-    counter = next((each for each in effects if isinstance(each, Counter)), None)
+    others = tuple(effect for effect in effects if not isinstance(effect, Counter))
+    counter = next((effect for effect in effects if isinstance(effect, Counter)), None)
     known = counter or Counter("standard errors of the calibration's points")
     return (*others, replace(known, steps_nm=steps_nm))
 

@@ -61,7 +61,7 @@ class JudgedPoints:
     @property
     def verdict(self) -> Verdict:
         """The worst of the decisions."""
-        return Verdict.worst(each.verdict for each in self.decisions)
+        return Verdict.worst(decision.verdict for decision in self.decisions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ def judge_check(
     else:
         missing += [CHECK_STANDARD[name] for name in standard.gaps()]
         parts = standard.components(Readings(data.standard_nm), data.standard_nm)
-        torque = torque.and_also(*(each._replace(name=CHECK_STANDARD[each.name]) for each in parts))
+        torque = torque.and_also(*(part._replace(name=CHECK_STANDARD[part.name]) for part in parts))
     tolerance = Tolerance(-tolerance_percent_fs, tolerance_percent_fs, "full scale")
     decisions = tuple(
         decide(float(error), float(u), tolerance, full_scale=data.range_nm)
@@ -180,11 +180,11 @@ def check_module(
         profile = profile.within(
             100.0 * chain.model.calibrated_nm / description.module(side).range_nm
         )
-    asked = {
+    registers = {
         "tolerance_percent_fs": tolerance_percent_fs,
         "model_id": None if entry is None else entry.model_id,
     }
-    options["metadata"] = {**options.get("metadata", {}), REGISTERS: asked}
+    options["metadata"] = {**options.get("metadata", {}), REGISTERS: registers}
     steps = profile.staircase(description.module(side).range_nm)
     measured = CHECK.measure(station, side, profile, steps, **options)
     progress = options.get("progress", NO_PROGRESS)
@@ -195,14 +195,14 @@ def _evaluate(
     registry: Registry, measured: Measured[StaircaseResult], _progress: Progress
 ) -> CheckResult:
     """Evaluate a check by the tolerance, the model and the standard in its run's record."""
-    data, known = measured.result.data, measured.record.metadata
-    asked = known[REGISTERS]
-    entry = None if asked["model_id"] is None else registry.model(int(asked["model_id"]))
+    data, metadata = measured.result.data, measured.record.metadata
+    settings = metadata[REGISTERS]
+    entry = None if settings["model_id"] is None else registry.model(int(settings["model_id"]))
     judged = judge_check(
         data,
-        None if entry is None else used_chain(entry, known, data),
-        standard=check_standard(known, data),
-        tolerance_percent_fs=float(asked["tolerance_percent_fs"]),
+        None if entry is None else used_chain(entry, metadata, data),
+        standard=check_standard(metadata, data),
+        tolerance_percent_fs=float(settings["tolerance_percent_fs"]),
     )
     return CheckResult(data, judged, entry, measured.record.run_id)
 
@@ -211,20 +211,20 @@ def _register(
     registry: Registry, measured: Measured[StaircaseResult], result: CheckResult
 ) -> CheckResult:
     """Enter a check into the registry, unless that was done before an interruption."""
-    asked = measured.record.metadata[REGISTERS]
+    settings = measured.record.metadata[REGISTERS]
     summary: dict[str, Any] = {
         "signed_worst_percent_fs": result.worst_percent_fs,
         "nominal_nm": result.data.nominal_nm,
         "error_nm": result.error_nm,
         "expanded_uncertainty_nm": result.expanded_uncertainty_nm,
-        "verdicts": [each.verdict for each in result.judged.decisions],
+        "verdicts": [decision.verdict for decision in result.judged.decisions],
         "decision_rule": result.judged.decisions[0].rule(),
         "not_in_u": result.judged.missing,
     }
     folder, serial = RunFolder(measured.record.folder), result.data.transducer_serial
     with registry.writing():
         enter_run(registry, folder)
-        if any(each.run_id == result.run_id for each in registry.checks(serial)):
+        if any(check.run_id == result.run_id for check in registry.checks(serial)):
             return result
         registry.add_check(
             CheckEntry(
@@ -232,7 +232,7 @@ def _register(
                 performed=datetime.fromisoformat(folder.manifest["sealed"]),
                 verdict=result.verdict.value,
                 worst_percent_fs=abs(result.worst_percent_fs),
-                tolerance_percent_fs=float(asked["tolerance_percent_fs"]),
+                tolerance_percent_fs=float(settings["tolerance_percent_fs"]),
                 simulated=result.data.simulated,
                 standard_serial=measured.result.standard_serial,
                 model_id=None if result.model is None else result.model.model_id,

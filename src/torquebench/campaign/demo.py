@@ -133,12 +133,12 @@ def _modules(
     """Calibrate both modules, then mount the verification standard and verify them."""
     choices = settings.choices()
     recommended = choices[0].name
-    known = registers_calibration(choices, recommended)
+    metadata = registers_calibration(choices, recommended)
     profile, registry = settings.calibration, station.registry
     measured: list[Measured[StaircaseResult]] = []
     fits: list[Fit] = []
     for side in SIDES:
-        item = measure_calibration(station, side, profile, metadata=known, progress=progress)
+        item = measure_calibration(station, side, profile, metadata=metadata, progress=progress)
         measured.append(item)
         fitting = calibration_fit(registry, item, choices, progress)
         fits.append(begin(partial(_with_tables, fitting)))
@@ -172,7 +172,9 @@ def _require_plausible(entry: ModelEntry) -> None:
                 "model-{model_id} isn't in use, because its calibration contradicts "
                 "itself: {contradictions}",
                 entry.model_id,
-                Message.joined((each.found for each in entry.contradictions), "; "),
+                Message.joined(
+                    (contradiction.found for contradiction in entry.contradictions), "; "
+                ),
             ),
             "a plausible calibration",
             "find the cause and calibrate again",

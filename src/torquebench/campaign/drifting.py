@@ -75,14 +75,14 @@ class DriftSeries:
         """Return what the control chart shows about one value."""
         if self.chart is None:
             return ""
-        found = []
+        remarks = []
         if row in self.chart.outside:
-            found.append("outside the limits")
+            remarks.append("outside the limits")
         if row in self.chart.jumps:
-            found.append("a jump")
+            remarks.append("a jump")
         if row in self.chart.runs:
-            found.append("8 in a row on one side")
-        return ", ".join(found)
+            remarks.append("8 in a row on one side")
+        return ", ".join(remarks)
 
 
 class DriftRecords(Protocol):
@@ -125,7 +125,7 @@ def drift_of(
         Models of the transducer; if two or more of them have empty runs, their effects over time
         are returned as well.
     """
-    found: list[tuple[str, str, list[tuple[datetime, float, bool]], bool]] = []
+    series: list[tuple[str, str, list[tuple[datetime, float, bool]], bool]] = []
     calibrations = sorted(registry.calibrations(serial), key=lambda entry: entry.performed)
     for limit, direction in ((1, "clockwise"), (0, "counter-clockwise")):
         spanned = [
@@ -135,7 +135,7 @@ def drift_of(
         ]
         groups = _of_one_range(spanned, limit)
         for reach_nm, entries in groups:
-            known = [
+            values = [
                 (
                     entry.performed,
                     float(entry.summary["span_error_percent"][direction]),
@@ -144,8 +144,8 @@ def drift_of(
                 for entry in entries
             ]
             reach = Message(" up to {reach_nm:g} N·m", reach_nm) if len(groups) > 1 else ""
-            found.append(
-                (Message("Span error {direction}{reach}", direction, reach), "%", known, True)
+            series.append(
+                (Message("Span error {direction}{reach}", direction, reach), "%", values, True)
             )
     ranges = {each.serial: each.range_nm for each in registry.equipment("transducer")}
     range_nm = ranges.get(serial)
@@ -154,20 +154,20 @@ def drift_of(
             (zero.performed, 100.0 * zero.zero_nm / range_nm, zero.simulated)
             for zero in _first_of_each_run(registry.zeroings(serial))
         ]
-        found.append(("Zero", "% FS", zeros, False))
+        series.append(("Zero", "% FS", zeros, False))
     checks = [
         (check.performed, float(check.summary["signed_worst_percent_fs"]), check.simulated)
         for check in registry.checks(serial)
         if "signed_worst_percent_fs" in check.summary
     ]
-    found.append(("Largest error of the check standard's verification", "% FS", checks, False))
+    series.append(("Largest error of the check standard's verification", "% FS", checks, False))
     performed = {entry.calibration_id: entry.performed for entry in calibrations}
     effects = _effects_over_time(models, performed)
-    found += [(title, unit, known, False) for title, unit, known in effects]
+    series += [(title, unit, values, False) for title, unit, values in effects]
     return tuple(
-        _series(title, unit, known, tolerance_percent, base, calibrations=calibrated)
-        for title, unit, known, calibrated in found
-        if known
+        _series(title, unit, values, tolerance_percent, base, calibrations=calibrated)
+        for title, unit, values, calibrated in series
+        if values
     )
 
 
@@ -188,7 +188,7 @@ def _effects_over_time(
     inertias = [chain.find(Inertia) for _, chain in chains]
     rpm = min((max(each.speeds_rpm) for each in rotations if each is not None), default=0.0)
     rad_s2 = min((each.largest_rad_s2 for each in inertias if each is not None), default=0.0)
-    found: dict[tuple[str, str], list[tuple[datetime, float, bool]]] = {}
+    series: dict[tuple[str, str], list[tuple[datetime, float, bool]]] = {}
     for (entry, chain), rotation, inertia in zip(chains, rotations, inertias, strict=True):
         percent = 100.0 / entry.range_nm
         values: dict[tuple[str, str], float] = {}
@@ -211,7 +211,7 @@ def _effects_over_time(
                 ),
             ):
                 columns = zip(*table, strict=True)
-                at_speed = [np.interp(rpm, rotation.speeds_rpm, each) for each in columns]
+                at_speed = [np.interp(rpm, rotation.speeds_rpm, column) for column in columns]
                 now = float(np.interp(rotation.calibrated_c, rotation.at_c, at_speed))
                 values[title, "% FS"] = percent * factor * now
         if inertia is not None:
@@ -221,8 +221,8 @@ def _effects_over_time(
             )
         for name, size in values.items():
             moment = performed[entry.calibration_id]
-            found.setdefault(name, []).append((moment, size, entry.simulated))
-    return [(title, unit, known) for (title, unit), known in found.items() if len(known) > 1]
+            series.setdefault(name, []).append((moment, size, entry.simulated))
+    return [(title, unit, known) for (title, unit), known in series.items() if len(known) > 1]
 
 
 def _has_empty_runs(entry: ModelEntry) -> bool:

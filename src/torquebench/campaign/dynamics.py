@@ -170,18 +170,18 @@ def identify_dynamics(
         hashes[empty.name] = table.sha256
         simulated = simulated or table.simulated
     if on_bench:
-        found = _OnBench.of(tables)
-        transfer, identified = found.chain(motor, inertia)
+        bench = _OnBench.of(tables)
+        transfer, identified = bench.chain(motor, inertia)
         step_s = _interval(transfer) if interval_s is None else interval_s
         transfer = replace(transfer, window_s=step_s if window_s is None else window_s)
         return IdentifiedDynamics(
             transfer,
             design_inverse(transfer, step_s, bandwidth_hz),
             inertia,
-            simulated or found.simulated,
-            {**found.sha256, **hashes},
+            simulated or bench.simulated,
+            {**bench.sha256, **hashes},
             identified,
-            found.vibration,
+            bench.vibration,
         )
     counted_s = known[0].interval_s
     transfer = identify(known, counted_s if window_s is None else window_s)
@@ -241,13 +241,13 @@ class _OnBench:
                     )
                 period_s = float(period[rows][0])
                 if period_s > 0.0:
-                    whole = int(both.shape[1] * interval_s / period_s) * period_s
-                    kept = both[:, : round(whole / interval_s)]
+                    whole_s = int(both.shape[1] * interval_s / period_s) * period_s
+                    kept = both[:, : round(whole_s / interval_s)]
                     sines.append(Sine(interval_s, period_s, *kept))
                 else:
                     steps.append(both)
-        shortest = min((each.shape[1] for each in steps), default=0)
-        rows = np.array([each[:, :shortest] for each in steps]).reshape(-1, 2, shortest)
+        shortest = min((step.shape[1] for step in steps), default=0)
+        rows = np.array([step[:, :shortest] for step in steps]).reshape(-1, 2, shortest)
         stacked = Steps(interval_s, rows[:, 0], rows[:, 1])
         vibration = identify_vibration(stacked)
         late = identify_delay(stacked, sines)

@@ -50,20 +50,20 @@ def find_unfinished(registry: Registry, name: str) -> UnfinishedRun:
     """
     every = unfinished_runs(registry)
     own = [run for run in every if run.state is not RunState.COPY]
-    found = own[-1:] if name == "latest" else [r for r in every if r.run_id.startswith(name)]
-    if len(found) > 1:  # the name of a copied folder often begins with the id of its run
-        found = [r for r in found if r.run_id == name] or found
-    if len(found) != 1:
+    runs = own[-1:] if name == "latest" else [r for r in every if r.run_id.startswith(name)]
+    if len(runs) > 1:  # the name of a copied folder often begins with the id of its run
+        runs = [r for r in runs if r.run_id == name] or runs
+    if len(runs) != 1:
         raise InputError(
             Message(
                 "{name!r} names {found}",
                 name,
-                "several unfinished runs" if found else "no unfinished run",
+                "several unfinished runs" if runs else "no unfinished run",
             ),
             "a run that isn't finished",
             "see `torquebench records list runs`",
         )
-    return found[0]
+    return runs[0]
 
 
 def finish_recorded_run(
@@ -88,7 +88,11 @@ def finish_recorded_run(
         folder.recover()
     if run.state in (RunState.LEFT_OPEN, RunState.SEALED):
         enter_run(registry, folder)
-        rest = [each for each in unfinished_runs(registry) if each.run_id == run.run_id]
+        rest = [
+            unfinished_run
+            for unfinished_run in unfinished_runs(registry)
+            if unfinished_run.run_id == run.run_id
+        ]
         if not rest or rest[0].state is RunState.INTERRUPTED:
             status = folder.manifest["status"]
             return Finished(

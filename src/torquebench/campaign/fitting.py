@@ -264,9 +264,9 @@ def fit_models(
             columns = points.features(feature_columns(model))
             model.fit(columns, points.standard_nm, progress=part)
         part.reach(SHARES)
-        told = (f"{words}: {entry.message}" for entry in caught)
+        warned = (f"{words}: {entry.message}" for entry in caught)
         few = () if fitted else few_points(model, len(data))
-        remarks = (*_remarks(data, kept, examination), *unread, *dict.fromkeys(told), *few)
+        remarks = (*_remarks(data, kept, examination), *unread, *dict.fromkeys(warned), *few)
         seconds = time.perf_counter() - started
         fitted.append(
             FittedModel(
@@ -297,7 +297,7 @@ def entry_in_use(registry: Registry, serial: str, counter: str) -> ModelEntry | 
     if entry is None:
         return None
     performed = registry.calibration(entry.calibration_id).performed
-    adjusted = any(each.performed > performed for each in registry.adjustments(serial))
+    adjusted = any(adjustment.performed > performed for adjustment in registry.adjustments(serial))
     return None if adjusted else entry
 
 
@@ -379,8 +379,8 @@ def _remarks(
 ) -> Iterator[str]:
     """Yield remarks on rows that were left out, and on doubtful rows."""
     if len(kept) < len(data):
-        for each in examination.wrong_rows:
-            row = _wrong_row(data, each.point, each.residual_nm)
+        for wrong_row in examination.wrong_rows:
+            row = _wrong_row(data, wrong_row.point, wrong_row.residual_nm)
             yield Message("outlier, left out: {row}", row)
     if examination.from_zeros:
         yield Message(
@@ -436,11 +436,11 @@ def _contradictions(
         torque = np.full(len(data), np.nan)
         earlier = np.full(len(data), np.nan)
         for each, values in ((model, torque), (before, earlier)):
-            known = (data.reading_nm >= each.reading_low_nm_) & (
+            inside = (data.reading_nm >= each.reading_low_nm_) & (
                 data.reading_nm <= each.reading_high_nm_
             )
-            if np.any(known):
-                values[known] = each.predict(data.features(each.n_features_in_)[known])
+            if np.any(inside):
+                values[inside] = each.predict(data.features(each.n_features_in_)[inside])
     return find_contradictions(
         data, limits, examination=examination, torque_nm=torque, before_nm=earlier
     )
@@ -483,37 +483,37 @@ def fit_table(
         An unknown model, points that it doesn't take, or an outlier that is to be refused.
     """
     data, examination = _examined(data)
-    kept = _kept(data, examination, outliers)
-    given = {"zeroed": data.tared, **(parameters or {})}
-    model = make_model(name, **{**given, "range_nm": data.range_nm, "outliers": "keep"})
-    X = kept.features(feature_columns(model))
+    points = _kept(data, examination, outliers)
+    settings = {"zeroed": data.tared, **(parameters or {})}
+    model = make_model(name, **{**settings, "range_nm": data.range_nm, "outliers": "keep"})
+    X = points.features(feature_columns(model))
     progress.start("Fitting the model", SHARES)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        model.fit(X, kept.standard_nm, progress=progress)
+        model.fit(X, points.standard_nm, progress=progress)
     progress.finish()
-    comparison = _compared(kept, name, progress) if compared else None
+    comparison = _compared(points, name, progress) if compared else None
     behind: list[str] = []
     if comparison is not None:
         behind = [comparison.behind_raw(score.name) for score in comparison.scores]
     elif model.doubtful:
         progress.start("Leaving out steps", SHARES)
-        behind = [worse_than_raw(name, model, X, kept.standard_nm, progress=progress)]
+        behind = [worse_than_raw(name, model, X, points.standard_nm, progress=progress)]
         progress.finish()
     return FitResult(
         source=source,
         data=data,
         comparison=comparison,
-        noise=kept.noise_floor(),
+        noise=points.noise_floor(),
         name=name,
         title=model_title(model.kind, model.kind_parameters),
         model=model,
-        raw=summarise_errors(kept.reading_nm, kept.standard_nm, kept.range_nm),
-        fitted=summarise_errors(model.predict(X), kept.standard_nm, kept.range_nm),
+        raw=summarise_errors(points.reading_nm, points.standard_nm, points.range_nm),
+        fitted=summarise_errors(model.predict(X), points.standard_nm, points.range_nm),
         remarks=(
-            *_remarks(data, kept, examination),
+            *_remarks(data, points, examination),
             *_untared(data, examination),
-            *few_points(model, len(kept)),
+            *few_points(model, len(points)),
             *filter(None, behind),
             *([comparison.caution] if comparison is not None and comparison.caution else []),
             *data.notes(),
@@ -581,7 +581,7 @@ def described_model(
             calibrated_on="" if data.measured_on is None else data.measured_on.isoformat(),
             reading_scale="" if data.scale is None else data.scale.text,
             effects=tuple(effect.specification() for effect in step_noise(data, effects)),
-            contradictions=tuple(str(each) for each in contradictions),
+            contradictions=tuple(str(contradiction) for contradiction in contradictions),
             accepted=accepted,
         ),
     )

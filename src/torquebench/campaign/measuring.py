@@ -99,7 +99,7 @@ def standard_at_rest(station: Station, side: Side, mounting: Mounting) -> float 
     standard = description.standard(mounting)
     drives = station.drivers.drives.values()
     mounted = station.drivers.operator.mounted()
-    if standard is None or mounted != mounting or any(each.state().enabled for each in drives):
+    if standard is None or mounted != mounting or any(drive.state().enabled for drive in drives):
         return None
     channel = acquisition.channel_of_standard(side)
     start_s = station.clock.now()

@@ -112,8 +112,10 @@ def rebuild(data: Path, by: str, progress: Progress = NO_PROGRESS) -> Rebuilt:
     with BenchLock(None, data):
         _mend(data, done)
         with Registry(f"sqlite:///{(data / REGISTRY_FILE).resolve()}", data) as registry:
-            known = {run.run_id for run in registry.runs(limit=None)}
-            missing = [each for each in run_folders(data) if each.name not in known]
+            entered = {run.run_id for run in registry.runs(limit=None)}
+            missing = [
+                run_folder for run_folder in run_folders(data) if run_folder.name not in entered
+            ]
             progress.start("Entering runs", len(missing))
             for number, folder in enumerate(missing):
                 progress.reach(number, folder.name)
@@ -213,7 +215,10 @@ def _enter_calibration(registry: Registry, folder: RunFolder, done: Rebuilt) -> 
             stored.model.kind,
             file,
             dict(stored.provenance.metrics),
-            [Contradiction.of_text(each) for each in stored.provenance.contradictions],
+            [
+                Contradiction.of_text(contradiction)
+                for contradiction in stored.provenance.contradictions
+            ],
         )
         for file, stored in models
     ]

@@ -92,7 +92,7 @@ def registers_calibration(models: Sequence[ModelChoice], active: str | None) -> 
     active : str or None
         Name of the model to be put into use.
     """
-    return {REGISTERS: {"models": [each.specification for each in models], "active": active}}
+    return {REGISTERS: {"models": [model.specification for model in models], "active": active}}
 
 
 def registered_choices(metadata: Mapping[str, Any]) -> tuple[list[ModelChoice], str | None]:
@@ -126,24 +126,28 @@ def register_calibration(
         before = registry.calibration_of_run(folder.run_id)
         if before is not None:
             entry = registry.calibration(before)
-            known = {each.file.name: each for each in registry.models(calibration_id=before)}
+            entries = {model.file.name: model for model in registry.models(calibration_id=before)}
             return RegisteredCalibration(
                 entry,
-                {each.name: known[each.path.name] for each in models if each.path.name in known},
+                {
+                    model.name: entries[model.path.name]
+                    for model in models
+                    if model.path.name in entries
+                },
             )
         entry = registry.add_calibration(calibration_entry(folder, **remarks))
         registered = {}
-        for each in models:
-            if each.stored is not None:
-                private_folder(each.path.parent)
-                save_model(each.path, each.stored, private=True)
-            registered[each.name] = registry.add_model(
+        for model in models:
+            if model.stored is not None:
+                private_folder(model.path.parent)
+                save_model(model.path, model.stored, private=True)
+            registered[model.name] = registry.add_model(
                 entry,
-                kind=each.kind,
-                file=each.path,
+                kind=model.kind,
+                file=model.path,
                 side=run_data(folder).side,
-                metrics=each.metrics,
-                contradictions=each.contradictions,
+                metrics=model.metrics,
+                contradictions=model.contradictions,
             )
         if active is not None and not registered[active].contradictions:
             registry.activate(

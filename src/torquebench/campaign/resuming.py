@@ -78,8 +78,8 @@ class InterruptedCalibration:
     @property
     def bench(self) -> dict[str, Any]:
         """Description of the bench at the time of the run."""
-        found: dict[str, Any] = self.metadata["bench"]
-        return found
+        described: dict[str, Any] = self.metadata["bench"]
+        return described
 
     @property
     def choices(self) -> tuple[list[ModelChoice], str | None]:
@@ -347,13 +347,13 @@ def _check_clause(interrupted: InterruptedCalibration, now: datetime) -> None:
 
 def _check_bench(station: Station, interrupted: InterruptedCalibration) -> None:
     """Refuse a bench with another transducer, counter or standard than before the interruption."""
-    description, known = station.description, interrupted.known
+    description, recorded = station.description, interrupted.known
     module = description.module(interrupted.side)
     for what, there, here in (
-        ("transducer", known["transducer_serial"], module.transducer.serial),
-        ("counter", known["counter_identity"], station.drivers.counter.clock_identity),
-        ("range in N·m", known["range_nm"], module.range_nm),
-        ("standard", known.get("standard_serial"), description.calibrator.serial),
+        ("transducer", recorded["transducer_serial"], module.transducer.serial),
+        ("counter", recorded["counter_identity"], station.drivers.counter.clock_identity),
+        ("range in N·m", recorded["range_nm"], module.range_nm),
+        ("standard", recorded.get("standard_serial"), description.calibrator.serial),
         *_standards(interrupted, description),
     ):
         if there != here:
@@ -406,15 +406,15 @@ def _profile(run: RunSummary, start: dict[str, Any]) -> Profile:
 
 def _points(folder: RunFolder) -> Sequence[tuple[tuple[int, int], Row, datetime]]:
     """Return step, values and time of every acknowledged point."""
-    found = []
+    points = []
     for document in folder.points():
         row = {
             key.removeprefix("point-").partition("steady-")[2] or key.removeprefix("point-"): value
             for key, value in document["data"].items()
         }
         moment = datetime.fromtimestamp(float(document["time"]), UTC)
-        found.append(((int(row["series"]), int(row["step"])), row, moment))
-    return found
+        points.append(((int(row["series"]), int(row["step"])), row, moment))
+    return points
 
 
 def _placed(

@@ -115,7 +115,7 @@ def within_certificate(
     speeds = [point.speed_rpm for point in certified]
     high = min(speeds[-1], max_speed_rpm) if speeds else 0.0
     wanted = tuple(each for each in settings.speeds_rpm if speeds and speeds[0] <= each <= high)
-    wanted = wanted or tuple(each for each in speeds if each <= high)
+    wanted = wanted or tuple(speed for speed in speeds if speed <= high)
     if not wanted:
         raise InputError(
             Message(
@@ -162,7 +162,7 @@ def check_standard_reducer(
     LimitError, InterlockError, SignalFault, BenchError, RunAbortedError
         As every procedure.
     """
-    known = {
+    metadata = {
         STANDARD_REDUCER: {
             "name": reducer.name,
             "certificate": reducer.certificate,
@@ -170,7 +170,7 @@ def check_standard_reducer(
             "certified_friction": [each.model_dump() for each in reducer.friction],
         }
     }
-    options["metadata"] = {**known, **options.get("metadata", {})}
+    options["metadata"] = {**metadata, **options.get("metadata", {})}
     measured = FRICTION.measure(station, "input", settings, **options)
     return FRICTION.evaluate_and_register(station.registry, measured)
 

@@ -60,7 +60,7 @@ def identify_turning(
         return TurningChain(points, (), ())
     progress.start("Identifying temperature and rotation", 1)
     speed = np.zeros(len(points)) if points.speed_rpm is None else points.speed_rpm
-    found = identify(
+    identified = identify(
         TurningCalibration(
             points.reading_nm,
             points.standard_nm,
@@ -77,12 +77,12 @@ def identify_turning(
     )
     progress.finish()
     _, series = np.unique(
-        np.column_stack([points.series, found.series]), axis=0, return_inverse=True
+        np.column_stack([points.series, identified.series]), axis=0, return_inverse=True
     )
     corrected = replace(
-        points, reading_nm=found.corrected_nm, series=1 + series.reshape(-1).astype(np.int64)
+        points, reading_nm=identified.corrected_nm, series=1 + series.reshape(-1).astype(np.int64)
     )
-    return TurningChain(corrected, found.effects, found.remarks)
+    return TurningChain(corrected, identified.effects, identified.remarks)
 
 
 def joined_tables(

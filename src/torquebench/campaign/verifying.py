@@ -83,10 +83,10 @@ def _evaluate(
     registry: Registry, measured: Measured[StaircaseResult], _progress: Progress
 ) -> VerifiedModels:
     """Compare the points with the models that the run's record names."""
-    data, known = measured.result.data, measured.record.metadata
-    numbers: Mapping[str, int] = known[REGISTERS]["models"]
+    data, metadata = measured.result.data, measured.record.metadata
+    numbers: Mapping[str, int] = metadata[REGISTERS]["models"]
     models = {name: registry.model(int(number)) for name, number in numbers.items()}
-    chains = {name: used_chain(entry, known, data) for name, entry in models.items()}
+    chains = {name: used_chain(entry, metadata, data) for name, entry in models.items()}
     return VerifiedModels(measured, models, chains, compare_with_models(data, chains))
 
 
@@ -98,7 +98,10 @@ def _register(
     with registry.writing():
         enter_run(registry, folder)
         for name, entry in verified.models.items():
-            if any(each.run_id == record.run_id for each in registry.verifications(entry.model_id)):
+            if any(
+                verification.run_id == record.run_id
+                for verification in registry.verifications(entry.model_id)
+            ):
                 continue
             registry.add_verification(
                 entry.model_id,

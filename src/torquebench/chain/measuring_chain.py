@@ -212,12 +212,12 @@ class MeasuringChain:
 
     def _lacking(self) -> tuple[str, ...]:
         """Return the kinds of effects without any record."""
-        known = {effect.kind for effect in self.stored}
-        known |= {effect.influence for effect in self.stored}
+        recorded = {effect.kind for effect in self.stored}
+        recorded |= {effect.influence for effect in self.stored}
         return tuple(
             kind
             for kind, effect in EFFECTS.items()
-            if kind not in known and not effect.influence and effect.expected
+            if kind not in recorded and not effect.influence and effect.expected
         )
 
     def torque(self, readings: Readings, place: Callable[[int], str] = "row {}".format) -> Torque:
@@ -314,8 +314,8 @@ class MeasuringChain:
         if dynamics is None:
             return self, None
         follows = dynamics.recorded()
-        kept = tuple(follows if each is dynamics else each for each in self.stored)
-        return replace(self, stored=kept), follows
+        effects = tuple(follows if each is dynamics else each for each in self.stored)
+        return replace(self, stored=effects), follows
 
     def stream(self) -> ChainStream:
         """Return a compensator for one stream of readings, which takes them block by block."""
@@ -429,22 +429,22 @@ class RecordedStream:
         following : Readings or None
             The following block, which the slope of the speed at the end depends on.
         """
-        known = self.completed_last = self.completed(readings, following)
+        complete = self.completed_last = self.completed(readings, following)
         if self._dynamics is not None:
-            self._dynamics.prepare(known, following)
-        if known.branch is not None:
-            return self._rows.independent(known)
-        assert known.time_s is not None
-        step = np.diff(known.time_s)
+            self._dynamics.prepare(complete, following)
+        if complete.branch is not None:
+            return self._rows.independent(complete)
+        assert complete.time_s is not None
+        step = np.diff(complete.time_s)
         if self._step_s is None and step.size:
             self._step_s = float(np.median(step[:LEARNED]))
         cuts: list[int] = []
         if self._step_s is not None:
             cuts = (np.flatnonzero((step > GAP_STEPS * self._step_s) | (step < 0.0)) + 1).tolist()
-        ends = [0, *cuts, len(known)]
+        ends = [0, *cuts, len(complete)]
         return joined(
             [
-                self._stream.push(rows_of(known, slice(start, stop)), self._step_s)
+                self._stream.push(rows_of(complete, slice(start, stop)), self._step_s)
                 for start, stop in itertools.pairwise(ends)
             ]
         )

@@ -66,15 +66,17 @@ def effect_states(chain: MeasuringChain, readings: Readings, torque: Torque) -> 
         The chain's torque for this reading.
     """
     switch_of = {name: switch for switch, names in SWITCHES.items() for name in names}
-    found = []
+    states = []
     for effect in chain.effects:
         state, detail = _standing(effect, readings, torque)
-        for name in (each.name for each in effect.components(readings, readings.reading_nm)):
+        for name in (
+            component.name for component in effect.components(readings, readings.reading_nm)
+        ):
             added, switch = float(torque.added(name)[0]), switch_of.get(name, "")
             off = name in chain.switched_off
             corrects = effect.corrects_reading or isinstance(effect, StaticCurve)
             says = corrects and np.isfinite(added) and not off and state != "outside"
-            found.append(
+            states.append(
                 EffectState(
                     name,
                     effect.record,
@@ -86,7 +88,7 @@ def effect_states(chain: MeasuringChain, readings: Readings, torque: Torque) -> 
                 )
             )
     missing = chain.missing()
-    held = [each for each in found if each.name not in missing]
+    held = [each for each in states if each.name not in missing]
     return held + [EffectState(name, "", None, None, "missing") for name in missing]
 
 

@@ -124,10 +124,10 @@ class Torque:
         return int(self.value_nm.size)
 
     def __repr__(self) -> str:
-        known = self.value_nm[np.isfinite(self.value_nm)]
-        if not known.size:
+        finite = self.value_nm[np.isfinite(self.value_nm)]
+        if not finite.size:
             return f"Torque({len(self)} × no number)"
-        low, high = float(known.min()), float(known.max())
+        low, high = float(finite.min()), float(finite.max())
         values = f"{low:.6g} N·m" if low == high else f"{low:.6g} to {high:.6g} N·m"
         largest = float(np.nanmax(self.expanded_uncertainty_nm))
         return f"Torque({len(self)} × {values}, U (k = 2) up to {largest:.2g} N·m)"
@@ -183,20 +183,21 @@ class Torque:
         return Torque(
             self.value_nm[index],
             tuple(
-                each._replace(
-                    uncertainty_nm=chosen(each.uncertainty_nm),
-                    value_nm=chosen(each.value_nm),
-                    place=None if each.place is None else each.place[index],
-                    distribution=chosen(each.distribution),
+                component._replace(
+                    uncertainty_nm=chosen(component.uncertainty_nm),
+                    value_nm=chosen(component.value_nm),
+                    place=None if component.place is None else component.place[index],
+                    distribution=chosen(component.distribution),
                 )
-                for each in self.components
+                for component in self.components
             ),
         )
 
     def without(self, name: str) -> Torque:
         """Return the torques without one component's correction and uncertainty."""
         parts = tuple(
-            not_corrected(each) if each.name == name else each for each in self.components
+            not_corrected(component) if component.name == name else component
+            for component in self.components
         )
         return Torque(self.value_nm - self.added(name), parts)
 
@@ -241,15 +242,19 @@ class Torque:
             Shared.NOTHING: np.arange(count),
         }
         parts = tuple(
-            each._replace(
+            component._replace(
                 uncertainty_nm=np.atleast_1d(
-                    _spread(weight * each.uncertainty_nm, groups[each.shared], each.place)
+                    _spread(
+                        weight * component.uncertainty_nm, groups[component.shared], component.place
+                    )
                 ),
-                value_nm=np.atleast_1d(np.sum(weight * each.value_nm)),
-                place=None if each.place is None else _middle(each.place, weight),
-                distribution=_shape(each, int(np.argmax(np.abs(weight * each.uncertainty_nm)))),
+                value_nm=np.atleast_1d(np.sum(weight * component.value_nm)),
+                place=None if component.place is None else _middle(component.place, weight),
+                distribution=_shape(
+                    component, int(np.argmax(np.abs(weight * component.uncertainty_nm)))
+                ),
             )
-            for each in self.components
+            for component in self.components
         )
         return Torque(np.atleast_1d(weight @ self.value_nm), parts)
 
@@ -270,16 +275,18 @@ class Torque:
             Standard error of the calibration's step means, which the scatter already contains, N·m.
         """
         noise = sum(
-            float(np.square(each.uncertainty_nm).sum())
-            for each in self.components
-            if each.shared is Shared.NOTHING
+            float(np.square(component.uncertainty_nm).sum())
+            for component in self.components
+            if component.shared is Shared.NOTHING
         )
         missing = standard_error_nm**2 - in_scatter_nm**2 - noise
         parts = tuple(
-            each._replace(uncertainty_nm=np.sqrt(np.square(each.uncertainty_nm) + missing))
-            if each.name == NOISE and missing > 0.0
-            else each
-            for each in self.components
+            component._replace(
+                uncertainty_nm=np.sqrt(np.square(component.uncertainty_nm) + missing)
+            )
+            if component.name == NOISE and missing > 0.0
+            else component
+            for component in self.components
         )
         return Torque(self.value_nm + shift_nm, parts)
 
@@ -294,13 +301,13 @@ class Torque:
             raise InputError(Message("a torque of {value} N·m", value), "a finite value")
         lines = [
             BudgetLine(
-                each.name,
-                abs(float(np.broadcast_to(each.uncertainty_nm, self.value_nm.shape)[row])),
-                shared=each.shared,
-                distribution=_shape(each, row),
-                value=float(np.broadcast_to(each.value_nm, self.value_nm.shape)[row]),
+                component.name,
+                abs(float(np.broadcast_to(component.uncertainty_nm, self.value_nm.shape)[row])),
+                shared=component.shared,
+                distribution=_shape(component, row),
+                value=float(np.broadcast_to(component.value_nm, self.value_nm.shape)[row]),
             )
-            for each in self.components
+            for component in self.components
         ]
         return Budget.of(value, "N·m", lines)
 

@@ -269,9 +269,9 @@ class CompensationModel(Estimator, ABC):
         needed = 1 + max(map(FEATURES.index, used))
         alone = FEATURES.index("branch") + 1
         if needed <= alone < self.n_features_in_:
-            known = by_names(X)
-            if isinstance(known, np.ndarray) and known.shape[1:] == (alone,):
-                return np.pad(known, ((0, 0), (0, self.n_features_in_ - alone)))
+            complete = by_names(X)
+            if isinstance(complete, np.ndarray) and complete.shape[1:] == (alone,):
+                return np.pad(complete, ((0, 0), (0, self.n_features_in_ - alone)))
         return by_names(X, self.n_features_in_)
 
     def _in_blocks(self, X: ArrayLike, evaluate: Callable[[FloatArray], _Result]) -> list[_Result]:
@@ -332,8 +332,8 @@ class CompensationModel(Estimator, ABC):
         truth = np.asarray(y, dtype=np.float64).ravel()
         weights = np.ones(truth.size) if sample_weight is None else np.asarray(sample_weight)
         residual = float(np.sum(weights * (truth - torque) ** 2))
-        whole = float(np.sum(weights * (truth - np.average(truth, weights=weights)) ** 2))
-        return 1.0 - residual / whole if whole > 0.0 else float(residual == 0.0)
+        variation = float(np.sum(weights * (truth - np.average(truth, weights=weights)) ** 2))
+        return 1.0 - residual / variation if variation > 0.0 else float(residual == 0.0)
 
     def scatter_at(self, torque_nm: Values) -> Values:
         """Return the standard deviation of single readings at torques in N·m, shape (n,) or float.

@@ -240,29 +240,31 @@ def find_outliers(points: CalibrationPoints) -> tuple[list[int], list[Outlier]]:
     outlying : list of Outlier
         The outlying points with their rows and deviations.
     """
-    found: dict[int, Outlier] = {}
+    outliers: dict[int, Outlier] = {}
     least = _OUTLIER_SHARE_OF_LARGEST * float(np.max(np.abs(points.y)))
-    kept = np.arange(points.y.size)
+    remaining = np.arange(points.y.size)
     for _ in range(5):
-        if kept.size < _FEWEST_FOR_SCATTER:
+        if remaining.size < _FEWEST_FOR_SCATTER:
             break
-        residual = trend_free(points.X[kept], points.y[kept])
+        residual = trend_free(points.X[remaining], points.y[remaining])
         centre, excess = _against_neighbours(residual)
         scatter = _scatter(residual, centre)
-        limit = max(_scales(kept.size) * scatter, least)
+        limit = max(_scales(remaining.size) * scatter, least)
         outlying = np.flatnonzero(excess > limit)
         if outlying.size == 0:
             break
         # A good point next to an outlier can look bad: remove the worst of each neighbourhood
         # first.
         outlying = np.array(
-            [i for i in outlying if excess[i] >= np.max(excess[_around(int(i), kept.size)])]
+            [i for i in outlying if excess[i] >= np.max(excess[_around(int(i), remaining.size)])]
         )
         for i in outlying:
-            found[int(kept[i])] = _name(points, int(kept[i]), residual[i] - centre[i], scatter)
-        kept = np.delete(kept, outlying)
-    positions = sorted(found)
-    return positions, [found[position] for position in positions]
+            outliers[int(remaining[i])] = _name(
+                points, int(remaining[i]), residual[i] - centre[i], scatter
+            )
+        remaining = np.delete(remaining, outlying)
+    positions = sorted(outliers)
+    return positions, [outliers[position] for position in positions]
 
 
 def reduce_points(

@@ -58,15 +58,15 @@ def branch_values(branch: ArrayLike) -> FloatArray:
     if np.issubdtype(values.dtype, np.number) or values.dtype == np.bool_:
         return values.astype(np.float64)
     numbers = np.empty(values.shape)
-    for place, word in np.ndenumerate(values):
+    for position, word in np.ndenumerate(values):
         word = str(word)
         meaning = BRANCH_WORDS.get(word.strip().lower())
         if meaning is None:
-            row = Message(", row {place}", place[0]) if place else ""
+            row = Message(", row {place}", position[0]) if position else ""
             raise InputError(
                 Message("branch {word!r}{row}", word, row), "up, down or unknown (or +1, -1, 0)"
             )
-        numbers[place] = meaning
+        numbers[position] = meaning
     return numbers
 
 
@@ -101,12 +101,12 @@ def by_names(X: ArrayLike, columns: int | None = None) -> ArrayLike:
     frame = nw.from_native(X, eager_only=True, pass_through=True)
     if not isinstance(frame, nw.DataFrame):
         return X
-    known = [name for name in FEATURES if name in frame.columns]
-    if not known:
+    present = [name for name in FEATURES if name in frame.columns]
+    if not present:
         return X
-    leading = next((k for k, name in enumerate(FEATURES) if name not in known), len(FEATURES))
+    leading = next((k for k, name in enumerate(FEATURES) if name not in present), len(FEATURES))
     width = max(leading, 1) if columns is None else columns
-    missing = [name for name in FEATURES[:width] if name not in known]
+    missing = [name for name in FEATURES[:width] if name not in present]
     if missing:
         raise InputError(
             Message(
@@ -159,11 +159,11 @@ def features(
     >>> features([10.0], temperature_c=23.5).tolist()
     [[10.0, 0.0, 0.0, 0.0, 23.5]]
     """
-    given = (reading_nm, branch, series, speed_rpm, temperature_c)
-    width = max(index for index, column in enumerate(given) if column is not None) + 1
+    quantities = (reading_nm, branch, series, speed_rpm, temperature_c)
+    width = max(index for index, column in enumerate(quantities) if column is not None) + 1
     reading = np.atleast_1d(np.asarray(reading_nm, dtype=np.float64))
     X = np.zeros((reading.size, width))
-    for index, column in enumerate(given):
+    for index, column in enumerate(quantities):
         if column is None:
             continue
         values = (
@@ -216,10 +216,10 @@ def explain_rejection(problem: ValueError, X: ArrayLike, y: ArrayLike | None = N
     names = [*FEATURES, "standard"]
     if any(word in str(problem) for word in ("NaN", "infinity")):
         columns = list(np.asarray(X, dtype=np.float64).T[: len(FEATURES)])
-        given = dict(zip(names, columns, strict=False))
+        values = dict(zip(names, columns, strict=False))
         if y is not None:
-            given["standard"] = np.asarray(y, dtype=np.float64)
-        for name, column in given.items():
+            values["standard"] = np.asarray(y, dtype=np.float64)
+        for name, column in values.items():
             bad = np.flatnonzero(~np.isfinite(column))
             if bad.size:
                 what = "NaN" if np.isnan(column[bad[0]]) else "infinity"

@@ -210,13 +210,13 @@ class Estimator:
 
     def _checked_rows(self, X: ArrayLike) -> FloatArray:
         """Return checked rows with as many columns as `fit` had; raises `ValueError` otherwise."""
-        known = getattr(self, "n_features_in_", None)
+        expected = getattr(self, "n_features_in_", None)
         columns = _array(X, 2)
         named = "feature_names_in_" in vars(self)
-        if columns is not None and columns.shape[1] == known and not named:
+        if columns is not None and columns.shape[1] == expected and not named:
             return columns
         with _scikit_learn(
-            _described(X), Message("rows of {known} finite numbers, as `fit` had", known)
+            _described(X), Message("rows of {known} finite numbers, as `fit` had", expected)
         ):
             from sklearn.utils.validation import validate_data
 
@@ -237,7 +237,7 @@ def _scikit_learn(found: Message, allowed: Message | str) -> Iterator[None]:
 
 
 def _described(*arguments: ArrayLike) -> Message:
-    shapes = ", ".join(str(np.shape(each)) for each in arguments)
+    shapes = ", ".join(str(np.shape(argument)) for argument in arguments)
     return Message("arrays of shape {shapes} that aren't plain numbers", shapes)
 
 

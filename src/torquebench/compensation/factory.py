@@ -38,12 +38,12 @@ def make_model(name: str, **parameters: Any) -> CompensationModel:
     model = MODELS[kind](**part_of_name)
     if "training" in parameters and "training" in model.kind_parameters:
         model.set_params(training=parameters["training"])
-    known = model.kind_parameters
+    allowed = model.kind_parameters
     for parameter in parameters:
-        if parameter not in known:
+        if parameter not in allowed:
             raise InputError(
                 Message("parameter {parameter!r} of model {name!r}", parameter, name),
-                ", ".join(known),
+                ", ".join(allowed),
                 "name one of these",
             )
     return model.set_params(**parameters)

@@ -228,10 +228,10 @@ class HysteresisOperator:
         total = float(np.sum(shares))
         if total <= 1e-7 * self.full_scale_nm:
             return self
-        kept = shares > 1e-6 * total
+        significant = shares > 1e-6 * total
         return HysteresisOperator(
-            self.widths_nm[kept],
-            shares[kept] / total,
+            self.widths_nm[significant],
+            shares[significant] / total,
             sign * total,
             self.path_nm,
             self.full_scale_nm,
@@ -524,5 +524,5 @@ def _in_loop(
 def _filled(wanted: FloatArray, other: FloatArray) -> FloatArray:
     """Fill values missing in one direction from the other direction, then from neighbours."""
     result = np.where(np.isnan(wanted), other, wanted)
-    known = np.flatnonzero(~np.isnan(result))
-    return np.asarray(np.interp(np.arange(result.size), known, result[known]), dtype=np.float64)
+    finite = np.flatnonzero(~np.isnan(result))
+    return np.asarray(np.interp(np.arange(result.size), finite, result[finite]), dtype=np.float64)

@@ -25,9 +25,9 @@ class _Kinds(Mapping[str, "type[CompensationModel]"]):
     def __getitem__(self, kind: str) -> type[CompensationModel]:
         if self._classes[kind] is None:
             import_module(f"torquebench.compensation.{kind.replace('-', '_')}")
-        found = self._classes[kind]
-        assert found is not None
-        return found
+        model = self._classes[kind]
+        assert model is not None
+        return model
 
     def __contains__(self, kind: object) -> bool:
         return kind in self._classes

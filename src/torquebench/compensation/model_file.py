@@ -244,7 +244,7 @@ def load_model(path: str | Path) -> StoredModel:
             "the file as torquebench wrote it",
             "restore the original or fit the model again",
         )
-    known = {item.name for item in fields(Provenance)}
+    names = {item.name for item in fields(Provenance)}
 
     from torquebench.compensation.factory import model_from_state
 
@@ -253,7 +253,7 @@ def load_model(path: str | Path) -> StoredModel:
             **{
                 name: decode_value(value)
                 for name, value in content["provenance"].items()
-                if name in known
+                if name in names
             }
         )
         model = model_from_state(content["model"])

@@ -132,7 +132,7 @@ def behind_raw(
         return ""
     percent = 100.0 / full_scale_nm
     why = model.shortcoming(left_out.rms_nm)
-    found = Message(
+    message = Message(
         "{name} is worse than the raw reading at steps that it wasn't fitted to: "
         "{worst:.3g} % FS at worst and {rms:.3g} % FS RMS; the raw "
         "reading's errors are {raw_worst:.3g} and {raw_rms:.3g} % FS",
@@ -142,7 +142,7 @@ def behind_raw(
         percent * raw.worst_nm,
         percent * raw.rms_nm,
     )
-    return Message.joined((found, why), "; ") if why else found
+    return Message.joined((message, why), "; ") if why else message
 
 
 def worse_than_raw(

@@ -102,16 +102,16 @@ class CompensationTable:
         """
         reading, signs = _reading(reading_nm), _branch(branch)
         # in place, the evaluation would overwrite the refused reading
-        kept = reading if out is None or not np.may_share_memory(out, reading) else None
+        original = reading if out is None or not np.may_share_memory(out, reading) else None
         result = np.empty_like(reading) if out is None else out
         _require_same_shape(reading, signs, result)
         outside = self.curve.evaluate(reading, signs, result)
         if outside:
             detail = ""
-            if kept is not None:
-                index = int(np.argmin(self._inside(kept)))
+            if original is not None:
+                index = int(np.argmin(self._inside(original)))
                 detail = Message(
-                    ", the first {kept:.6g} N·m at position {index}", kept[index], index
+                    ", the first {kept:.6g} N·m at position {index}", original[index], index
                 )
             raise InputError(
                 Message("{outside} readings outside the calibrated range{detail}", outside, detail),
@@ -318,8 +318,8 @@ def _scalar_function(curve: PiecewisePolynomial) -> Callable[..., float]:
             location = reading_nm * central_scale + zero
         index = int(location)
         constant, slope, square, cube = tables[branch][index]
-        place = location - index - 0.5
-        return float(reading_nm + (constant + place * (slope + place * (square + place * cube))))
+        offset = location - index - 0.5
+        return float(reading_nm + (constant + offset * (slope + offset * (square + offset * cube))))
 
     return linear if curve.degree == 1 else cubic
 
@@ -335,11 +335,11 @@ def _branch(branch: ArrayLike | None) -> NDArray[np.int8] | None:
     """Return branches as signs of one byte; None stays."""
     if branch is None:
         return None
-    given = np.asarray(branch)
-    if given.dtype == np.int8:
-        signs = np.ascontiguousarray(given)
+    branches = np.asarray(branch)
+    if branches.dtype == np.int8:
+        signs = np.ascontiguousarray(branches)
     else:
-        signs = np.sign(given).astype(np.int8)
+        signs = np.sign(branches).astype(np.int8)
     if signs.size and (int(signs.min()) < -1 or int(signs.max()) > 1):
         raise InputError(
             Message("a branch of {astype}", int(np.max(np.abs(signs.astype(int))))), "-1, 0 or +1"

@@ -25,10 +25,10 @@ def convolve(extended: FloatArray, weights: FloatArray) -> FloatArray:
     rows, past = len(weights), weights.shape[1] - 1
     count = extended.shape[1] - past
     if count <= past + 1:  # terms in rows of samples; `accumulate` adds them one by one
-        whole = np.ascontiguousarray(extended)
-        along, step = whole.strides
+        contiguous = np.ascontiguousarray(extended)
+        along, step = contiguous.strides
         shape = (rows, count, past + 1)
-        windows: FloatArray = np.ndarray(shape, np.float64, whole, 0, (along, step, step))
+        windows: FloatArray = np.ndarray(shape, np.float64, contiguous, 0, (along, step, step))
         terms = windows[..., ::-1] * weights[:, None]
         return np.asarray(np.add.accumulate(terms, axis=2)[..., -1])
     result = np.zeros((rows, count))
@@ -61,10 +61,10 @@ def convolve_uncertain(
     factors : float64[r, m]
         Factors of the weights' covariance (no rows if the weights aren't correlated).
     """
-    kept = past.shape[1]
-    extended = np.empty((3, kept + values.size))
-    extended[:2, :kept] = past
-    extended[0, kept:], extended[1, kept:] = values, spread * spread
+    remembered = past.shape[1]
+    extended = np.empty((3, remembered + values.size))
+    extended[:2, :remembered] = past
+    extended[0, remembered:], extended[1, remembered:] = values, spread * spread
     past[:] = extended[:2, values.size :]
     np.multiply(extended[0], extended[0], out=extended[2])
     value, noise, by_weights = convolve(extended, weights)

@@ -99,8 +99,8 @@ class UncertainFilter:
             raise InputError(
                 Message("a covariance with the eigenvalue {values:.3g}", values[0]), "none below 0"
             )
-        kept = values > _NEGLIGIBLE * largest
-        return np.ascontiguousarray((vectors[:, kept] * np.sqrt(values[kept])).T)
+        significant = values > _NEGLIGIBLE * largest
+        return np.ascontiguousarray((vectors[:, significant] * np.sqrt(values[significant])).T)
 
     def stream(self) -> FilterStream:
         """Return this filter for one stream."""
@@ -156,8 +156,8 @@ class FilterStream:
         """
         like: Values = values if values.size > 1 else values.item()
         number, (before, spread) = elementwise(like, values, uncertainty)
-        known = (abs(before) < np.inf) & (spread >= 0.0) & (spread < np.inf)
-        if not self._begun or not number.all(known):
+        usable = (abs(before) < np.inf) & (spread >= 0.0) & (spread < np.inf)
+        if not self._begun or not number.all(usable):
             return None
         _, (value, coefficients, noise) = elementwise(like, *self._run(values, uncertainty))
         u = number.sqrt(noise)

@@ -133,9 +133,9 @@ def identify(runs: Sequence[Known], window_s: float = 0.0) -> TransferFunction:
     starts.sort(key=lambda start: float(np.sum(np.square(deviations(start)))))
     best = None
     for start in starts[:2]:
-        found = least_squares(deviations, start, bounds=limits, x_scale=[0.1, 0.5, 1.0, 1.0])
-        if best is None or found.cost < best.cost:
-            best = found
+        solution = least_squares(deviations, start, bounds=limits, x_scale=[0.1, 0.5, 1.0, 1.0])
+        if best is None or solution.cost < best.cost:
+            best = solution
     assert best is not None
     free = best.x
     if (
@@ -288,9 +288,9 @@ def identify_inertia(
     columns = [time, reading, speed]
     if acceleration_rad_s2 is not None:
         columns.append(np.asarray(acceleration_rad_s2, np.float64))
-    if len({each.shape for each in columns}) != 1 or time.ndim != 1 or time.size < 3:
+    if len({column.shape for column in columns}) != 1 or time.ndim != 1 or time.size < 3:
         raise InputError("columns of different lengths", "one value of each a row")
-    if not all(np.isfinite(each).all() for each in columns):
+    if not all(np.isfinite(column).all() for column in columns):
         raise InputError("an empty run with gaps", "finite values", "cut it at its gaps")
     interval = (time[-1] - time[0]) / (time.size - 1)
     rows = max(round(_BLOCK_S / interval), 1)

@@ -83,8 +83,8 @@ class TransferFunction:
 
     def standard_uncertainty(self, name: str) -> float:
         """Return the standard uncertainty of one of `PARAMETERS`."""
-        place = PARAMETERS.index(name)
-        return sqrt(max(self.covariance[place][place], 0.0))
+        number = PARAMETERS.index(name)
+        return sqrt(max(self.covariance[number][number], 0.0))
 
     def with_values(self, values: ArrayLike) -> TransferFunction:
         """Return the function with other, exact values of `PARAMETERS` and the same window."""

@@ -136,7 +136,7 @@ def identify_vibration(steps: Steps) -> Vibration:
         return residuals(logs).ravel()
 
     drive_s = 6e-3
-    found = None
+    best = None
     for ripple_hz in _ripples(rows, steps.interval_s):
         starts = [
             np.log([frequency, 0.06, drive_s, ripple_hz])
@@ -149,17 +149,17 @@ def identify_vibration(steps: Steps) -> Vibration:
         )
         for start in starts[:2]:
             fitted = least_squares(deviations, start, bounds=limits, x_scale=[0.05, 0.5, 0.3, 0.02])
-            if found is None or fitted.cost < found.cost:
-                found = fitted
-    assert found is not None
-    frequency, damping, _, ripple_hz = np.exp(found.x)
-    residual = residuals(found.x)
+            if best is None or fitted.cost < best.cost:
+                best = fitted
+    assert best is not None
+    frequency, damping, _, ripple_hz = np.exp(best.x)
+    residual = residuals(best.x)
     freedom = residual.size - rows.shape[0] * 9 - 4
     variance = float(np.sum(np.square(residual))) / freedom
-    without = float(np.sum(np.square(residuals(found.x, vibrating=False))))
+    without = float(np.sum(np.square(residuals(best.x, vibrating=False))))
     gain = (without - variance * freedom) / (2.0 * rows.shape[0] * variance)
     scale = np.array([frequency, damping])
-    covariance = _covariance(np.asarray(found.jac), residual, variance)[:2, :2] * np.outer(
+    covariance = _covariance(np.asarray(best.jac), residual, variance)[:2, :2] * np.outer(
         scale, scale
     )
     covariance += np.diag(np.square(_ONE_MASS * scale))
@@ -265,8 +265,8 @@ def identify_delay(steps: Steps, sines: Sequence[Sine] = ()) -> Delay:
     different periods and one size, the phase differs by the delay; hysteresis is the same in both.
     """
     estimates = [_delay_by_steps(steps), *_delay_by_sines(sines)]
-    weights = np.array([1.0 / each.standard_uncertainty_s**2 for each in estimates])
-    values = np.array([each.delay_s for each in estimates])
+    weights = np.array([1.0 / estimate.standard_uncertainty_s**2 for estimate in estimates])
+    values = np.array([estimate.delay_s for estimate in estimates])
     mean = float(weights @ values / weights.sum())
     spread = float(weights @ np.square(values - mean)) / max(values.size - 1, 1)
     return Delay(mean, sqrt(max(spread, 1.0) / float(weights.sum())))
@@ -278,10 +278,10 @@ def _delay_by_steps(steps: Steps) -> Delay:
     rate = np.gradient(standard, steps.interval_s, axis=1)
     reach = max(2, round(_STEEP_S / steps.interval_s))
     moved, rates = [], []
-    for row, known, slope in zip(reading, standard, rate, strict=True):
+    for row, standard_nm, slope in zip(reading, standard, rate, strict=True):
         middle = int(np.argmax(np.abs(slope[: slope.size // 2])))
         part = slice(max(middle - reach, 0), middle + reach + 1)
-        basis = np.column_stack([np.ones(slope[part].size), known[part], slope[part]])
+        basis = np.column_stack([np.ones(slope[part].size), standard_nm[part], slope[part]])
         span, _ = np.linalg.qr(basis[:, :2])
         rates.append(basis[:, 2] - span @ (span.T @ basis[:, 2]))
         moved.append(row[part] - span @ (span.T @ row[part]))
@@ -305,9 +305,9 @@ def _delay_by_steps(steps: Steps) -> Delay:
 
 def _delay_by_sines(sines: Sequence[Sine]) -> list[Delay]:
     """Return the delay by the phases' slope over the rate of the sines; none for one period."""
-    if len({each.period_s for each in sines}) < 2:
+    if len({sine.period_s for sine in sines}) < 2:
         return []
-    rate, phase, u = np.array([_phase(each) for each in sines]).T
+    rate, phase, u = np.array([_phase(sine) for sine in sines]).T
     weight = 1.0 / np.square(u)
     middle = float(weight @ rate / weight.sum())
     power = float(weight @ np.square(rate - middle))

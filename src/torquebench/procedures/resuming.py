@@ -146,13 +146,13 @@ def preparation(before: Sequence[Step]) -> tuple[Step, ...]:
 
 def _last_preloads(before: Sequence[Step]) -> list[int]:
     """Return the indices of the last group of preloads before a series."""
-    found: list[int] = []
+    numbers: list[int] = []
     for number in range(len(before) - 1, -1, -1):
         if before[number].kind == "preload":
-            found.append(number)
-        elif found:
+            numbers.append(number)
+        elif numbers:
             break
-    return found
+    return numbers
 
 
 def _seating(before: Sequence[Step]) -> Step | None:

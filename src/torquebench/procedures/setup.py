@@ -237,8 +237,8 @@ def measured_in(
         Limits of the whole procedure.
     """
     standard = devices.context.description.standard(setup.mounting)
-    known = {} if standard is None else {"standard_serial": standard.serial}
-    run = bpp.run_wrapper(measuring, md={**metadata, **known})
+    standard_data = {} if standard is None else {"standard_serial": standard.serial}
+    run = bpp.run_wrapper(measuring, md={**metadata, **standard_data})
     plan = bpp.pchain(set_up(devices, setup), run)
     yield from guarded(lambda: bpp.finalize_wrapper(plan, lambda: power_off(devices)), *limits)
-    return known.get("standard_serial", "")
+    return standard_data.get("standard_serial", "")

@@ -114,9 +114,9 @@ def check_pair(
     parts = effect.components(Readings(torque_nm), torque_nm)
     allowed_nm = 2.0 * math.hypot(*(float(np.sum(part.uncertainty_nm)) for part in parts))
     allowed_nm += NOISE_FACTOR * pair.standard_error_nm
-    known = None if before is None else _torque_of(before, pair)
-    if known is not None:
-        stated_nm, expanded_nm = known
+    previous = None if before is None else _torque_of(before, pair)
+    if previous is not None:
+        stated_nm, expanded_nm = previous
         allowed_nm += expanded_nm + 1e-2 * (limits.change_percent or 0.0) * range_nm
     else:
         stated_nm = pair.reading_nm
@@ -129,7 +129,7 @@ def check_pair(
     if abs(pair.standard_nm - stated_nm) <= allowed_nm:
         return
     names = standard.transducer(side).serial, pair.standard_nm, transducer.serial, stated_nm
-    if known is None or before is None:
+    if previous is None or before is None:
         raise BenchError(
             Message(
                 "at one load the standard {standard} states {torque:+.5g} N·m, the transducer "

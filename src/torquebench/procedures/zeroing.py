@@ -56,10 +56,10 @@ def zero(
     standard : bool
         Whether to zero the mounted standard's transducer of this side as well.
     """
-    found = yield from measure_zero(devices, side, duration_s=duration_s, standard=standard)
+    measured = yield from measure_zero(devices, side, duration_s=duration_s, standard=standard)
     yield from set_mode(devices, side, "driven")
     yield from power_on(devices, side)
-    return found
+    return measured
 
 
 def measure_zero(
@@ -89,14 +89,14 @@ def zero_modules(
     devices: BenchDevices, sides: Sequence[Side] = SIDES, *, duration_s: float = 1.0
 ) -> Plan[dict[Side, ZeroResult]]:
     """Zero modules, set free and unloaded, without driving them again; the drives are off."""
-    found: dict[Side, ZeroResult] = {}
+    zeros: dict[Side, ZeroResult] = {}
     metadata = start_metadata(devices, "zero_modules", len(sides), sides=list(sides))
 
     def measured() -> Plan[None]:
         for side in sides:
             yield from checkpoint()
-            found[side] = yield from measure_zero(devices, side, duration_s=duration_s)
+            zeros[side] = yield from measure_zero(devices, side, duration_s=duration_s)
 
     run = bpp.run_wrapper(measured(), md=metadata)
     yield from bpp.finalize_wrapper(run, lambda: power_off(devices))
-    return found
+    return zeros

@@ -353,7 +353,7 @@ class BreakawayResult:
             self.smallest_nm,
             self.largest_nm,
         )
-        stairs = [each for each in self.runs if np.isfinite(each.held_nm)]
+        stairs = [run for run in self.runs if np.isfinite(run.held_nm)]
         rule = Message("{rule} N·m", rule)
         if stairs:
             middle = sorted(stairs, key=lambda each: abs(each.torque_nm))[len(stairs) // 2]
@@ -456,8 +456,8 @@ def evaluate_breakaway(
         runs.append(breakaway)
         if stood:
             saturated.append(float(label))
-    known = uncertainty or TorqueUncertainty()
-    return _result(kind, tuple(runs), known, saturated, largest_share, samples.findings)
+    stated = uncertainty or TorqueUncertainty()
+    return _result(kind, tuple(runs), stated, saturated, largest_share, samples.findings)
 
 
 def _torque_outliers(samples: Samples, threshold_rad: float) -> NDArray[np.bool_]:
@@ -477,8 +477,8 @@ def _motion(samples: Samples, label: float, threshold_rad: float) -> FirstMotion
     try:
         return first_motion(samples["time_s"], samples["angle_rad"], threshold_rad=threshold_rad)
     except InputError as problem:
-        found = Message("run {label:g}: {found}", label, problem.found)
-        raise InputError(found, problem.allowed, problem.remedy) from problem
+        message = Message("run {label:g}: {found}", label, problem.found)
+        raise InputError(message, problem.allowed, problem.remedy) from problem
 
 
 def _run_of(
@@ -520,7 +520,7 @@ def _staircase(time: Floats, torque: Floats, motion: FirstMotion) -> tuple[float
     beyond = beyond[beyond > top + 0.5 * step]
     if beyond.size:
         return sign * float(np.median(beyond)), sign * top
-    held = max((each for each in heights if each < top - 0.5 * step), default=top)
+    held = max((height for height in heights if height < top - 0.5 * step), default=top)
     return sign * top, sign * held
 
 
@@ -577,9 +577,9 @@ def _line_begin(time: Floats, torque: Floats, end: int) -> int:
     begin = end // 2
     while end - begin >= 4 * LEAST_LINE:
         half = begin + (end - begin) // 2
-        whole, error, _ = _line_at(time[begin : end + 1] - time[end], torque[begin : end + 1])
+        slope, error, _ = _line_at(time[begin : end + 1] - time[end], torque[begin : end + 1])
         nearer, other, _ = _line_at(time[half : end + 1] - time[end], torque[half : end + 1])
-        if abs(whole - nearer) <= 2.0 * float(np.hypot(error, other)):
+        if abs(slope - nearer) <= 2.0 * float(np.hypot(error, other)):
             break
         begin = half
     return max(0, min(begin, end - LEAST_LINE))
@@ -617,19 +617,19 @@ def _result(
     findings: Sequence[Finding],
 ) -> BreakawayResult:
     """Return the result over all ramps: medians of both directions and their mean."""
-    torques = np.array([each.torque_nm for each in runs])
+    torques = np.array([run.torque_nm for run in runs])
     sides: dict[int, Budget | None] = {}
     for sign in (1, -1):
-        ramps = [each for each in runs if np.sign(each.torque_nm) == sign]
+        ramps = [run for run in runs if np.sign(run.torque_nm) == sign]
         sides[sign] = _median_torque(ramps, known) if ramps else None
     first, second = sides[1], sides[-1]
     if first is not None and second is not None:
         total = _mean_of_both(first, second)
     else:
         total = first or second or _median_torque(list(runs), known)
-    found = list(findings)
+    remarks = list(findings)
     if len(runs) < 3:
-        found.append(
+        remarks.append(
             Finding(
                 "few ramps",
                 Message("{count} ramps say little about the spread over positions", len(runs)),
@@ -637,7 +637,7 @@ def _result(
             )
         )
     if saturated:
-        found.append(
+        remarks.append(
             Finding(
                 "drive saturation",
                 Message(
@@ -658,15 +658,15 @@ def _result(
         largest_nm=float(np.abs(torques).max()),
         smallest_nm=float(np.abs(torques).min()),
         runs=runs,
-        findings=tuple(found),
+        findings=tuple(remarks),
     )
 
 
 def _median_torque(runs: Sequence[BreakawayRun], known: TorqueUncertainty) -> Budget:
     """Return the median torque of ramps in one direction with its budget."""
-    values = np.abs([each.torque_nm for each in runs])
+    values = np.abs([run.torque_nm for run in runs])
     middle = float(np.median(values))
-    first_motion_nm = float(np.sqrt(np.mean([each.standard_uncertainty_nm**2 for each in runs])))
+    first_motion_nm = float(np.sqrt(np.mean([run.standard_uncertainty_nm**2 for run in runs])))
     sign = float(np.sign(runs[0].torque_nm)) or 1.0
     parts = [
         BudgetLine("torque zero", known.zero_nm, inf, sign, Shared.ZEROING),

@@ -147,15 +147,15 @@ def compare_specimens(
     """
     if len(specimens) < 2:
         raise InputError(Message("{count} specimens", len(specimens)), "at least two to compare")
-    units = {each.unit for each in specimens.values()}
+    units = {specimen.unit for specimen in specimens.values()}
     if len(units) > 1:
         raise InputError(
             Message("{cell} in {place}", key, " and in ".join(sorted(units))), "one unit"
         )
-    values = np.array([each.value for each in specimens.values()])
+    values = np.array([specimen.value for specimen in specimens.values()])
     spread = float(np.std(values, ddof=1))
     parts = [BudgetLine("specimens", spread / values.size**0.5, values.size - 1.0)]
-    every = [line for each in specimens.values() for line in each.lines]
+    every = [line for specimen in specimens.values() for line in specimen.lines]
     systematic = [line for line in every if line.shared is Shared.CALIBRATION]
     for name in sorted({line.name for line in systematic}):
         here = [(1.0 / values.size, line) for line in systematic if line.name == name]

@@ -135,9 +135,9 @@ class EfficiencyMap:
     def _of(self, driving: Side, direction: float) -> list[EfficiencyPoint]:
         """Return the points of one driving side and direction of rotation."""
         return [
-            each
-            for each in self.points
-            if each.driving == driving and each.speed_rpm * direction > 0.0
+            point
+            for point in self.points
+            if point.driving == driving and point.speed_rpm * direction > 0.0
         ]
 
     def grid(
@@ -166,7 +166,8 @@ class EfficiencyMap:
 
     def _columns(self, points: Sequence[EfficiencyPoint]) -> tuple[Floats, Floats, Floats]:
         rows = [
-            (each.speed_rpm, each.torque_nm, each.input_torque_nm(self.ratio)) for each in points
+            (point.speed_rpm, point.torque_nm, point.input_torque_nm(self.ratio))
+            for point in points
         ]
         speed, torque, drive = np.array(rows, dtype=np.float64).reshape(-1, 3).T
         return speed, torque, drive
@@ -181,8 +182,8 @@ class EfficiencyMap:
         """
         chosen = self._of(driving, speed_rpm)
         speed, torque, drive = self._columns(chosen)
-        place = np.array([speed_rpm]), np.array([torque_nm])
-        weight = _weights(speed, torque, *place)[0] if chosen else np.array([np.nan])
+        point = np.array([speed_rpm]), np.array([torque_nm])
+        weight = _weights(speed, torque, *point)[0] if chosen else np.array([np.nan])
         if np.isnan(weight[0]):
             raise InputError(
                 Message("{torque_nm:g} N·m at {speed_rpm:g} rpm", torque_nm, speed_rpm),
@@ -390,16 +391,16 @@ def evaluate_efficiency(
     share = np.where(driving == -1, power_in / np.where(power_out == 0, 1, power_out), share)
     _check_gain(share, drive, load)
     rows = _Steady.of(samples, share, driving, float(ratio), resolution).without_outliers()
-    known = [
+    uncertainties = [
         _chosen(each, rows.samples["index"]) for each in (input_uncertainty, output_uncertainty)
     ]
-    points = rows.points((known[0], known[1]))
+    points = rows.points((uncertainties[0], uncertainties[1]))
     warmth = rows.samples.get("temperature_c", float("nan"))
     stated = any(each is not None for each in (input_uncertainty, output_uncertainty))
     findings += _findings(points, warmth, rows.repeated, logged, stated)
-    for each in points:
+    for point in points:
         if largest_share is not None:
-            refuse(each.efficiency, largest_share, each.quantity.title)
+            refuse(point.efficiency, largest_share, point.quantity.title)
     every = (*rows.samples.findings, *findings)
     return EfficiencyMap(float(ratio), points, every, _both_directions(points))
 
@@ -509,8 +510,8 @@ class _Steady:
             weight = 1.0 / np.sqrt(
                 np.maximum(deviation, 1e-6 * max(float(deviation.max()), 1e-300))
             )
-        given = self.samples["input_nm"][rows]
-        least = np.maximum(SAME_VALUE * np.abs(given), 3.0 * decimal_step(given))
+        input_nm = self.samples["input_nm"][rows]
+        least = np.maximum(SAME_VALUE * np.abs(input_nm), 3.0 * decimal_step(input_nm))
         return np.asarray(deviation > np.maximum(OUTLYING * float(np.median(deviation)), least))
 
     def points(self, known: tuple[KnownTorque, KnownTorque]) -> tuple[EfficiencyPoint, ...]:
@@ -535,7 +536,7 @@ class _Steady:
         points = []
         for number, rows in members.items():
             step = int(self.torque_step[rows[0]])
-            alike = [each for each in members.values() if self.torque_step[each[0]] == step]
+            alike = [member for member in members.values() if self.torque_step[member[0]] == step]
             scatter = self._scatter(alike) or pooled
             points.append(self._point(rows, known, scatter, texts[number]))
         return tuple(
@@ -649,10 +650,10 @@ def _names(points: Sequence[tuple[float, float]]) -> list[str]:
 def _both_directions(points: tuple[EfficiencyPoint, ...]) -> tuple[EfficiencyPoint, ...]:
     """Return the mean of both directions at each torque and speed that was driven in both."""
     means = []
-    fastest = max((abs(each.nominal_speed_rpm) for each in points), default=0.0)
-    largest = max((each.nominal_torque_nm for each in points), default=0.0)
+    fastest = max((abs(point.nominal_speed_rpm) for point in points), default=0.0)
+    largest = max((point.nominal_torque_nm for point in points), default=0.0)
     taken: set[str] = set()
-    for forward in (each for each in points if each.nominal_speed_rpm > 0.0):
+    for forward in (point for point in points if point.nominal_speed_rpm > 0.0):
         for other in points:
             same = (
                 other.driving == forward.driving
@@ -724,14 +725,14 @@ def _sign_findings(driving: NDArray[np.int64], row: NDArray[np.int64]) -> list[F
 
 def _check_gain(share: Floats, drive: Floats, load: Floats) -> None:
     """Refuse efficiencies that swapped columns or a wrong ratio explain."""
-    known = share[np.isfinite(share)]
+    finite = share[np.isfinite(share)]
     swapped = bool(np.median(np.abs(drive)) > np.median(np.abs(load)))
-    if np.all(known > 1.0) or (swapped and np.all(known < 0.05)):
+    if np.all(finite > 1.0) or (swapped and np.all(finite < 0.05)):
         raise InputError(
             Message(
                 "efficiencies of {lowest:.4g} % to {highest:.4g} %",
-                100 * known.min(),
-                100 * known.max(),
+                100 * finite.min(),
+                100 * finite.max(),
             ),
             "more than 5 % and at most 100 %",
             "input and output torque are swapped: name the columns the other way round"
@@ -749,7 +750,7 @@ def _findings(
 ) -> list[Finding]:
     """Report efficiencies above 100 %, lack of repeats and other doubts about the points."""
     findings = []
-    above = [each for each in points if each.efficiency.value > 100.0]
+    above = [point for point in points if point.efficiency.value > 100.0]
     if above:
         worst = max(above, key=lambda each: each.efficiency.value)
         surely = worst.efficiency.value - worst.efficiency.expanded_uncertainty() > 100.0

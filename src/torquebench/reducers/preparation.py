@@ -163,7 +163,7 @@ class Samples:
 
         The series are in the order of measurement; messages use their names.
         """
-        found: dict[str, Mask] = {}
+        masks: dict[str, Mask] = {}
         size = self.row.size
         parts = [np.ones(size, dtype=np.bool_)]
         if group is not None:
@@ -172,8 +172,8 @@ class Samples:
             bad = np.zeros(size, dtype=np.bool_)
             for part in parts:
                 bad[part] = outliers(values[part])
-            found[name] = bad
-        return self.less({name: bad for name, bad in found.items() if bad.any()})
+            masks[name] = bad
+        return self.less({name: bad for name, bad in masks.items() if bad.any()})
 
     def less(self, found: Mapping[str, Mask]) -> Samples:
         """Leave out the outliers (by series), or report them only."""
@@ -214,10 +214,10 @@ def _word(column: str) -> str:
 
 
 def _rows_named(rows: NDArray[np.int64]) -> str:
-    shown = ", ".join(str(each) for each in rows[:5])
+    numbers = ", ".join(str(row) for row in rows[:5])
     if rows.size > 5:
-        shown = Message("{rows} and {count} more", shown, rows.size - 5)
-    return Message("row {rows}", shown) if rows.size == 1 else Message("rows {rows}", shown)
+        numbers = Message("{rows} and {count} more", numbers, rows.size - 5)
+    return Message("row {rows}", numbers) if rows.size == 1 else Message("rows {rows}", numbers)
 
 
 # -- noise, outliers, steps -------------------------------------------------------------------

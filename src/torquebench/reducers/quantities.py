@@ -137,11 +137,11 @@ def budget(value: float, unit: str, lines: Iterable[BudgetLine]) -> Budget:
     >>> round(found.standard_uncertainty, 6), found.unit
     (0.05, 'arcmin')
     """
-    shown = [line for line in lines if line.standard_uncertainty > 0.0]
-    found = Budget.of(value, unit, shown)
-    if not found.standard_uncertainty > NOTHING * abs(value):
+    counted = [line for line in lines if line.standard_uncertainty > 0.0]
+    stated = Budget.of(value, unit, counted)
+    if not stated.standard_uncertainty > NOTHING * abs(value):
         return Budget(float(value), inf, inf, (), unit)
-    return found
+    return stated
 
 
 def common_of_both(first: Budget, second: Budget) -> list[BudgetLine]:
@@ -178,7 +178,7 @@ def unsteady_temperature(
     """Report a temperature that changed during a test; NaN where none was measured."""
     if np.all(np.isnan(temperature_c)) or np.ptp(temperature_c) <= LARGEST_TEMPERATURE_RANGE_K:
         return ()
-    found = Message(
+    message = Message(
         "{lowest_c:.1f} to {highest_c:.1f} °C during the test (allowed: a range of "
         "{limit_k:g} K){effect}",
         temperature_c.min(),
@@ -186,7 +186,7 @@ def unsteady_temperature(
         LARGEST_TEMPERATURE_RANGE_K,
         effect,
     )
-    return (Finding("unsteady temperature", found, remedy, severe),)
+    return (Finding("unsteady temperature", message, remedy, severe),)
 
 
 def refuse(estimate: Budget, share: float, what: str) -> None:

@@ -140,15 +140,15 @@ def check_friction(
     for each in np.unique(amount):
         at = amount == each
         means = tuple(float(forward[at & (number == k)].mean()) for k in np.unique(number[at]))
-        known = float(np.interp(each, speeds, [point.torque_nm for point in certified]))
+        certified_nm = float(np.interp(each, speeds, [point.torque_nm for point in certified]))
         stated = float(
             np.interp(each, speeds, [point.expanded_uncertainty_nm for point in certified])
         )
-        error, spread = float(np.mean(means)) - known, max(means) - min(means)
+        error, spread = float(np.mean(means)) - certified_nm, max(means) - min(means)
         points.append(
             FrictionCheckPoint(
                 float(each),
-                known,
+                certified_nm,
                 stated,
                 means,
                 error,

@@ -297,13 +297,13 @@ def irregularities(ticks: NDArray[np.int64], stop_tick: int | None = None) -> Ir
     period = np.sort(intervals)[int(_PERIOD_QUANTILE * intervals.size)]
     doubled = 0
     if intervals.min() < _SHORT * period:
-        kept = [int(ticks[0])]
+        single = [int(ticks[0])]
         for tick in ticks[1:].tolist():
-            if tick - kept[-1] < _SHORT * period:
+            if tick - single[-1] < _SHORT * period:
                 doubled += 1
             else:
-                kept.append(tick)
-        intervals = np.diff(kept)
+                single.append(tick)
+        intervals = np.diff(single)
     long = intervals[intervals > _LONG * period]
     missing = int(np.sum(np.rint(long / period).astype(np.int64) - 1))
     stopped = stop_tick is not None and bool(stop_tick - ticks[-1] > _LONG * period)

@@ -216,13 +216,13 @@ class History:
         """Return a copy of these rows, so that the writer can go on."""
         if len(parts) == 1:
             rows = parts[0]
-            whole = {name: values[rows].copy() for name, values in self._columns.items()}
+            columns = {name: values[rows].copy() for name, values in self._columns.items()}
         else:
-            whole = {
+            columns = {
                 name: np.concatenate([values[part] for part in parts])
                 for name, values in self._columns.items()
             }
-        return Record.unchecked(whole, sum(part.stop - part.start for part in parts))
+        return Record.unchecked(columns, sum(part.stop - part.start for part in parts))
 
     def window(self, start_s: float, stop_s: float) -> Record | None:
         """Return the rows whose times lie in [start, stop); None before any row was appended."""

@@ -131,19 +131,19 @@ def steady_value(
     """
     times, samples = _checked(time_s, value, minimum_samples, period_s, settling_limit)
     outlying = outliers(samples)
-    kept_times, kept = times[~outlying], samples[~outlying]
-    latest = min(int(settling_limit * kept.size), kept.size - minimum_samples)
-    first = settling_index(kept, latest)
+    good_times, good = times[~outlying], samples[~outlying]
+    latest = min(int(settling_limit * good.size), good.size - minimum_samples)
+    first = settling_index(good, latest)
     period = period_s
     if period is None and estimate_ripple:
-        period = estimate_period(kept_times[first:], kept[first:])
+        period = estimate_period(good_times[first:], good[first:])
     if period is not None:
-        ripple = _ripple(kept_times, kept, latest, period, harmonics)
-        first = settling_index(kept - ripple, latest)
+        ripple = _ripple(good_times, good, latest, period, harmonics)
+        first = settling_index(good - ripple, latest)
     starts = np.unique(np.linspace(first, max(latest, first), _CANDIDATES).astype(np.intp))
     best: SteadyValue | None = None
     for start in starts:
-        window = _evaluate(kept_times[start:], kept[start:], period, harmonics, tolerance)
+        window = _evaluate(good_times[start:], good[start:], period, harmonics, tolerance)
         if window.samples < minimum_samples:
             break
         if best is None or _unsteadiness(window) < _unsteadiness(best) or window.settled:
@@ -152,7 +152,7 @@ def steady_value(
             break
     if best is None:
         best = replace(
-            _evaluate(kept_times[first:], kept[first:], None, harmonics, tolerance), settled=False
+            _evaluate(good_times[first:], good[first:], None, harmonics, tolerance), settled=False
         )
     dropped = best.rejected + int(
         np.sum(outlying & (times >= best.start_s) & (times <= best.stop_s))
@@ -268,15 +268,15 @@ def _evaluate(
     tolerance: float,
 ) -> SteadyValue:
     """Return mean, slope and errors of one window, cut at its beginning to whole periods."""
-    whole = True
+    enough = True
     if period is not None:
         interval = (times[-1] - times[0]) / (times.size - 1)
         periods = int((times[-1] - times[0] + interval) / period * (1 + 1e-9))
-        whole = periods >= 1
-        if whole:
+        enough = periods >= 1
+        if enough:
             inside = times > times[-1] - periods * period + 1e-6 * interval
             times, samples = times[inside], samples[inside]
-    columns = _columns(times, period if whole else None, harmonics)
+    columns = _columns(times, period if enough else None, harmonics)
     matrix = np.column_stack(columns)
     keep, coefficients, residual = _robust_fit(matrix, samples)
     correlated = correlation_length(residual, fitted=2)
@@ -293,7 +293,7 @@ def _evaluate(
         standard_error=float(errors[0]),
         drift_per_s=float(coefficients[1]),
         drift_standard_error_per_s=float(errors[1]),
-        settled=whole and abs(float(coefficients[1])) * span <= drift_allowed,
+        settled=enough and abs(float(coefficients[1])) * span <= drift_allowed,
         samples=int(keep.sum()),
         rejected=int(np.sum(~keep)),
         start_s=float(times[0]),
@@ -376,13 +376,13 @@ def outliers(value: ArrayLike, limit: float = _STEP_LIMIT) -> NDArray[np.bool_]:
     # If most samples repeat, the smallest step is the resolution.
     moved = steps[steps > 0]
     spread = max(_SPREAD * median(steps), float(moved.min()) if moved.size else 0.0)
-    found = np.zeros(samples.size, dtype=np.bool_)
+    outlying = np.zeros(samples.size, dtype=np.bool_)
     for times in _HEIGHTS:
         far = distance > times * limit * spread
         if not far.any():
             break
-        found |= isolated(far)
-    return found
+        outlying |= isolated(far)
+    return outlying
 
 
 def median(values: NDArray[np.float64]) -> float:
@@ -397,10 +397,10 @@ def median(values: NDArray[np.float64]) -> float:
 def isolated(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Keep only marks that are single or in pairs."""
     edges = np.flatnonzero(np.diff(far.astype(np.int8), prepend=0, append=0))
-    kept = np.zeros_like(far)
+    alone = np.zeros_like(far)
     for first, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        kept[first:stop] = stop - first <= _LONGEST_RUN
-    return kept
+        alone[first:stop] = stop - first <= _LONGEST_RUN
+    return alone
 
 
 def running_median(values: NDArray[np.float64], size: int) -> NDArray[np.float64]:

@@ -218,9 +218,9 @@ class _Servicer(services.NiDAQmxServicer):
 
     def GetDeviceAttributeUInt32(self, request: Any, context: Any) -> Any:  # noqa: N802
         del context
-        known = request.attribute_raw == ATTRIBUTE_SERIAL
+        serial_requested = request.attribute_raw == ATTRIBUTE_SERIAL
         serial = self._serial ^ (0xFFFFFFFF if self._faults.lying else 0)
-        return messages.GetDeviceAttributeUInt32Response(value=serial if known else 0)
+        return messages.GetDeviceAttributeUInt32Response(value=serial if serial_requested else 0)
 
     def GetDeviceAttributeString(self, request: Any, context: Any) -> Any:  # noqa: N802
         del request, context

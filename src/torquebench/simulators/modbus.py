@@ -130,12 +130,12 @@ class ModbusSimulator(LineServer):
             4: self._image.inputs,
         }
         with self._image.plant.lock:
-            found = {self._base + place: value for place, value in tables[function]().items()}
+            words = {self._base + offset: value for offset, value in tables[function]().items()}
         if function == 4:
-            found |= self._image.plate
+            words |= self._image.plate
         if self.faults.frozen:
-            self._frozen[function] = found
-        return found
+            self._frozen[function] = words
+        return words
 
     def _read(self, function: int, request: bytes, most: int) -> list[int]:
         """Return the requested values of a table; refuse too many or unknown ones."""
@@ -144,7 +144,7 @@ class ModbusSimulator(LineServer):
             raise _RefusedError(Code.ILLEGAL_VALUE)
         table = self._table(function)
         try:
-            return [int(table[place]) for place in range(first, first + count)]
+            return [int(table[address]) for address in range(first, first + count)]
         except KeyError:
             raise _RefusedError(Code.ILLEGAL_ADDRESS) from None
 
@@ -154,7 +154,7 @@ class ModbusSimulator(LineServer):
 
     def _read_bits(self, function: int, request: bytes) -> bytes:
         bits = self._read(function, request, LONGEST_BITS)
-        packed = sum(bit << place for place, bit in enumerate(bits))
+        packed = sum(bit << position for position, bit in enumerate(bits))
         size = -(-len(bits) // 8)
         return bytes([size]) + packed.to_bytes(size, "little")
 
@@ -171,17 +171,17 @@ class ModbusSimulator(LineServer):
 
     def _write_word(self, function: int, request: bytes) -> bytes:
         del function
-        place, value = struct.unpack(">HH", request)
-        self._obey(self._image.written, place, [value])
+        address, value = struct.unpack(">HH", request)
+        self._obey(self._image.written, address, [value])
         return request
 
     def _write_bit(self, function: int, request: bytes) -> bytes:
         """Obey the writing of one bit."""
         del function
-        place, value = struct.unpack(">HH", request)
+        address, value = struct.unpack(">HH", request)
         if value not in (0x0000, 0xFF00):
             raise _RefusedError(Code.ILLEGAL_VALUE)
-        self._obey(self._image.switched, place, [int(value == 0xFF00)])
+        self._obey(self._image.switched, address, [int(value == 0xFF00)])
         return request
 
     def _write_words(self, function: int, request: bytes) -> bytes:
@@ -201,5 +201,7 @@ class ModbusSimulator(LineServer):
         if not 1 <= count <= LONGEST_WRITTEN_BITS or sizes != {size}:
             raise _RefusedError(Code.ILLEGAL_VALUE)
         packed = int.from_bytes(request[5:], "little")
-        self._obey(self._image.switched, first, [packed >> place & 1 for place in range(count)])
+        self._obey(
+            self._image.switched, first, [packed >> position & 1 for position in range(count)]
+        )
         return request[:4]

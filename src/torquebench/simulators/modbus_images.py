@@ -44,7 +44,7 @@ class Image(ABC):  # noqa: B024 - no instrument has every table
         self.faults = faults
         texts = ["simulated", model, serial, "1.0"]
         words = [word for text in texts for word in register_map.from_text(text)]
-        self.plate = {register_map.IDENTITY + place: word for place, word in enumerate(words)}
+        self.plate = {register_map.IDENTITY + offset: word for offset, word in enumerate(words)}
 
     def inputs(self) -> dict[int, int]:
         """Return input registers."""
@@ -134,7 +134,7 @@ class DriveImage(Image):
             ),
         }
         reserved = dict.fromkeys(range(DriveReport.POSITION), 0)
-        return reserved | _placed({int(place): block for place, block in words.items()})
+        return reserved | _placed({int(address): block for address, block in words.items()})
 
     def holding(self) -> dict[int, int]:
         """Return the last written values."""
@@ -162,13 +162,13 @@ class DriveImage(Image):
         if holding[DriveCommand.CONTROL] & ~int(known):
             raise ValueError("control")
         DriveMode(holding[DriveCommand.MODE])
-        for place, (lowest, highest) in self._allowed.items():
-            written = {place, place + 1} & set(touched)
+        for address, (lowest, highest) in self._allowed.items():
+            written = {address, address + 1} & set(touched)
             if not written:
                 continue
-            value = register_map.float_of(holding[place : place + 2])
+            value = register_map.float_of(holding[address : address + 2])
             if len(written) < 2 or not lowest <= value <= highest:
-                raise ValueError(place.name)
+                raise ValueError(address.name)
 
     def _power_if_due(self) -> None:
         if time.monotonic() >= self._power_at:
@@ -198,13 +198,13 @@ class DriveImage(Image):
             self._power_if_due()
         elif mode == DriveMode.TORQUE and state.enabled:
             torque_nm, rate = (
-                self._number(place) for place in (DriveCommand.TORQUE, DriveCommand.TORQUE_RATE)
+                self._number(address) for address in (DriveCommand.TORQUE, DriveCommand.TORQUE_RATE)
             )
             if rate > 0.0:
                 self._drive.command_torque(scale * torque_nm, rate)
         elif mode == DriveMode.SPEED and state.enabled:
             speed_rad_s, rate = (
-                self._number(place) for place in (DriveCommand.SPEED, DriveCommand.SPEED_RATE)
+                self._number(address) for address in (DriveCommand.SPEED, DriveCommand.SPEED_RATE)
             )
             if rate > 0.0:
                 self._drive.command_speed(scale * speed_rad_s, rate)
@@ -232,8 +232,8 @@ class ProbesImage(Image):
         broken = register_map.PROBE_BROKEN % 65536
         stated = dict.fromkeys(range(max(self._probes.values()) + 1), broken)
         return stated | {
-            place: round(100.0 * (scale * present[name] + lie_k)) % 65536
-            for name, place in self._probes.items()
+            address: round(100.0 * (scale * present[name] + lie_k)) % 65536
+            for name, address in self._probes.items()
             if name in present
         }
 
@@ -296,18 +296,18 @@ class DigitalImage(Image):
     def contacts(self) -> dict[int, int]:
         """Return the position contacts."""
         bench, lying = self.plant.bench, self.faults.lying
-        found: dict[int, int] = {}
+        bits: dict[int, int] = {}
         for side, first in zip(SIDES, (Contact.INPUT_FREE, Contact.OUTPUT_FREE), strict=True):
-            place = _MODES.index(bench.mode(side))
-            place = (place + 1) % 3 if lying else place
-            found |= {first + offset: int(offset == place) for offset in range(3)}
+            mode_number = _MODES.index(bench.mode(side))
+            mode_number = (mode_number + 1) % 3 if lying else mode_number
+            bits |= {first + offset: int(offset == mode_number) for offset in range(3)}
         clamped = bench.clamped() != lying
-        found[Contact.CLAMP_CLOSED] = found[Contact.CLAMP_PRESSURE] = int(clamped)
-        found[Contact.CLAMP_OPEN] = int(not clamped)
+        bits[Contact.CLAMP_CLOSED] = bits[Contact.CLAMP_PRESSURE] = int(clamped)
+        bits[Contact.CLAMP_OPEN] = int(not clamped)
         at_end = (bench.position() == "end") != lying
-        found[Contact.RAIL_END], found[Contact.RAIL_AWAY] = int(at_end), int(not at_end)
-        found[Contact.SUPPLY_ON] = int(bench.supplies() != lying)
-        return found
+        bits[Contact.RAIL_END], bits[Contact.RAIL_AWAY] = int(at_end), int(not at_end)
+        bits[Contact.SUPPLY_ON] = int(bench.supplies() != lying)
+        return bits
 
     def switched(self, address: int, values: list[int]) -> None:
         """Move the parts whose coils were written."""

@@ -229,9 +229,9 @@ class Plant:
     def counts(self, side: Side, age_s: float = 0.0) -> int:
         """Return the encoder counts of a side, now or some time ago."""
         with self.lock:
-            kept, then_s = self._counts[side], self._now_s - age_s
+            counted, then_s = self._counts[side], self._now_s - age_s
             return next(
-                (counts for time_s, counts in reversed(kept) if time_s <= then_s), kept[0][1]
+                (counts for time_s, counts in reversed(counted) if time_s <= then_s), counted[0][1]
             )
 
     def torques(self, side: Side) -> tuple[int, list[float]]:

@@ -65,10 +65,10 @@ def _header(pattern: str) -> re.Pattern[str]:
 
 def _number(text: str, lowest: float, highest: float) -> float:
     """Return a number with its SI suffix; refuse another text or range."""
-    found = _NUMBER.fullmatch(text)
-    if found is None or found[2] not in SUFFIXES:
+    match = _NUMBER.fullmatch(text)
+    if match is None or match[2] not in SUFFIXES:
         raise _ScpiError(-104)
-    value = float(found[1]) * SUFFIXES[found[2]]
+    value = float(match[1]) * SUFFIXES[match[2]]
     if not lowest <= value <= highest:
         raise _ScpiError(-222)
     return value

@@ -135,8 +135,8 @@ class Simulators:
     @property
     def addresses(self) -> Mapping[str, str]:
         """Address of each endpoint, for display."""
-        found = {"control": self._served["control"]}
-        named = {name: f"{served.host}:{served.port}" for name, served in found.items()}
+        addresses_by_role = {"control": self._served["control"]}
+        named = {name: f"{served.host}:{served.port}" for name, served in addresses_by_role.items()}
         for (kind, _), (role, true) in self._places.items():
             named[role] = f"{true} ({kind})"
         return named

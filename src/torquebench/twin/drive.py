@@ -110,9 +110,9 @@ class Loading:
         """
         drive = self._drive
         change = abs(torque_nm - self._commanded_nm) / drive.range_nm
-        kept = math.exp(-change / 0.005)
+        decay = math.exp(-change / 0.005)
         fresh = self._generator.standard_normal()
-        self._spread = kept * self._spread + math.sqrt(1.0 - kept * kept) * fresh
+        self._spread = decay * self._spread + math.sqrt(1.0 - decay * decay) * fresh
         self._commanded_nm = torque_nm
         if torque_nm == 0.0:
             return 0.0
@@ -172,12 +172,12 @@ def drive_torque(
         demand = min(drive.torque_limit_nm, max(-drive.torque_limit_nm, target))
         largest = drive.slew_nm_s * step_s
         state[DEMAND] += min(largest, max(-largest, demand - state[DEMAND]))
-        asked = state[DEMAND]
-        if abs(motor_speed_rad_s) > drive.speed_limit_rad_s and asked * motor_speed_rad_s > 0.0:
-            asked = 0.0
+        demanded = state[DEMAND]
+        if abs(motor_speed_rad_s) > drive.speed_limit_rad_s and demanded * motor_speed_rad_s > 0.0:
+            demanded = 0.0
         state[SPEED_REFERENCE] = motor_speed_rad_s
-        state[INTEGRAL] = asked
-        disturbance += drive.wander_nm * state[WANDER] * abs(asked) / drive.range_nm
+        state[INTEGRAL] = demanded
+        disturbance += drive.wander_nm * state[WANDER] * abs(demanded) / drive.range_nm
         drag = 0.0
     else:
         speed = min(drive.speed_limit_rad_s, max(-drive.speed_limit_rad_s, target))
@@ -187,9 +187,9 @@ def drive_torque(
         gain = inertia_kgm2 * drive.bandwidth_rad_s
         integral = state[INTEGRAL] + 0.25 * gain * drive.bandwidth_rad_s * deviation * step_s
         state[INTEGRAL] = min(drive.torque_limit_nm, max(-drive.torque_limit_nm, integral))
-        asked = gain * deviation + state[INTEGRAL]
-        asked = min(drive.torque_limit_nm, max(-drive.torque_limit_nm, asked))
-        state[DEMAND] = asked
-    kept = math.exp(-step_s / drive.lag_s)
-    state[CURRENT_TORQUE] = asked + (state[CURRENT_TORQUE] - asked) * kept
+        demanded = gain * deviation + state[INTEGRAL]
+        demanded = min(drive.torque_limit_nm, max(-drive.torque_limit_nm, demanded))
+        state[DEMAND] = demanded
+    decay = math.exp(-step_s / drive.lag_s)
+    state[CURRENT_TORQUE] = demanded + (state[CURRENT_TORQUE] - demanded) * decay
     return float(state[CURRENT_TORQUE] + disturbance - drag)

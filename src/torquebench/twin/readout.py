@@ -74,8 +74,8 @@ def encoder_samples(
     faults: Sequence[Fault],
 ) -> AngleSamples:
     """Convert angles to counts, with graduation error and faults."""
-    shown = angle_rad + _graduation_error(encoder, angle_rad)
-    counts = np.floor(shown * encoder.counts_per_revolution / TURN).astype(np.int64)
+    displayed = angle_rad + _graduation_error(encoder, angle_rad)
+    counts = np.floor(displayed * encoder.counts_per_revolution / TURN).astype(np.int64)
     return AngleSamples(
         ticks / timebase_hz,
         broken_counts(faults, counts, ticks),

@@ -123,8 +123,8 @@ def _update_repeatability(
     after = min(relative + _SEATING_PLAY, max(relative - _SEATING_PLAY, before))
     state[SEATING_TORQUE] = after
     if after != before:
-        kept = math.exp(-abs(after - before) / _SEATING_LENGTH)
-        state[SEATING] = kept * state[SEATING] + math.sqrt(1.0 - kept * kept) * normal[0]
+        decay = math.exp(-abs(after - before) / _SEATING_LENGTH)
+        state[SEATING] = decay * state[SEATING] + math.sqrt(1.0 - decay * decay) * normal[0]
     if abs(relative) > 0.05:
         state[LOADED] = 1.0
     elif state[LOADED] > 0.0 and abs(relative) < 0.005:

@@ -60,8 +60,8 @@ class CertifiedUncertainty:
 
     def __post_init__(self) -> None:
         torque, expanded = np.array(self.torque_nm), np.array(self.expanded_nm)
-        known = torque.size == expanded.size > 0 and np.isfinite([*torque, *expanded]).all()
-        if not (known and (np.diff(torque) > 0).all() and (torque != 0).all()):
+        valid = torque.size == expanded.size > 0 and np.isfinite([*torque, *expanded]).all()
+        if not (valid and (np.diff(torque) > 0).all() and (torque != 0).all()):
             raise InputError(
                 Message(
                     "U {expanded_nm} N·m at torques {torque_nm} N·m",

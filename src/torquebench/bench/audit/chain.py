@@ -70,9 +70,9 @@ def last_end(folder: Path, content: bytes) -> AuditEnd:
     before it.
     """
     for line in reversed(content.split(b"\n")):
-        place = _place(line)
-        if place is not None and place.intact:
-            return place.end
+        parsed = _place(line)
+        if parsed is not None and parsed.intact:
+            return parsed.end
     if content:
         return AuditEnd(0, hashlib.sha256(content).hexdigest())
     aside = files_aside(folder)
@@ -205,10 +205,10 @@ class _Walk:
 
 def _place(line: bytes) -> _Place | None:
     """Return a line's place in the chain of hashes; None for a line that is older than it."""
-    found = _CHAIN.search(line)
-    if found is None:
+    match = _CHAIN.search(line)
+    if match is None:
         return None
-    number, previous, digest = found.groups()
-    body = line[: found.start(3) - len(', "sha256": "')]
+    number, previous, digest = match.groups()
+    body = line[: match.start(3) - len(', "sha256": "')]
     intact = hashlib.sha256(body).hexdigest() == digest.decode()
     return _Place(AuditEnd(int(number), digest.decode()), previous.decode(), intact)

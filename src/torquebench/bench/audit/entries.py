@@ -220,13 +220,13 @@ class AuditLog:
             private_folder(self.path.parent)
             self._file = os.open(self.path, _APPEND, 0o600)
             content = self.path.read_bytes()
-            whole = content.rfind(b"\n") + 1
-            if whole < len(content):  # a kill or a power failure in the middle of a line
-                os.ftruncate(self._file, whole)
-            self._end = last_end(self.path.parent, content[:whole])
-            self._size = whole
-            if whole < len(content):
-                torn = content[whole:].decode(errors="replace")
+            complete = content.rfind(b"\n") + 1
+            if complete < len(content):  # a kill or a power failure in the middle of a line
+                os.ftruncate(self._file, complete)
+            self._end = last_end(self.path.parent, content[:complete])
+            self._size = complete
+            if complete < len(content):
+                torn = content[complete:].decode(errors="replace")
                 self._note("incomplete line removed", text=torn)
         return self._file
 

@@ -75,6 +75,6 @@ def read_columns(
         table = read_table(path)
         return table, understand(table, wanted, required)
     except InputError as error:
-        found = Message("{kind}: {found}", kind, error.found)
+        message = Message("{kind}: {found}", kind, error.found)
         own = "" if "--column" in error.remedy else error.remedy
-        raise InputError(found, error.allowed, own or remedy) from error
+        raise InputError(message, error.allowed, own or remedy) from error

@@ -103,12 +103,12 @@ def read_certificate(path: Path | str) -> dict[Side, ReferenceCertificate]:
     sides = {str(side): number for number, side in enumerate(SIDES)}
     side_of = table.meanings(columns.columns["side"].index, sides, "input, output")
     points = np.array([columns.numbers(table, name) for name in _QUANTITIES])
-    found: dict[Side, ReferenceCertificate] = {}
+    certificates: dict[Side, ReferenceCertificate] = {}
     for number, side in enumerate(SIDES):
         here = points[:, side_of == number]
         if here.size:
-            found[side] = ReferenceCertificate(*here[:, np.argsort(here[0], kind="stable")])
-    return found
+            certificates[side] = ReferenceCertificate(*here[:, np.argsort(here[0], kind="stable")])
+    return certificates
 
 
 def read_uncertainty(path: Path | str, side: str = "") -> CertifiedUncertainty:

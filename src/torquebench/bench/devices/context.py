@@ -74,9 +74,9 @@ class BenchContext:
             if (
                 self.supervisor.alarm is None
             ):  # a failure may be the reason why it was just switched off
-                found = Message(
+                message = Message(
                     "{side} drive, commanded to {what}: {found}", side, what, failure.found
                 )
                 trip, kind = self.supervisor.trip, AlarmKind.DRIVE_FAULT
-                await self.call(trip, kind, side, found, failure.allowed, failure.remedy)
+                await self.call(trip, kind, side, message, failure.allowed, failure.remedy)
             raise

@@ -137,24 +137,24 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
         context, side, quantity = self._context, self._side, self._quantity
         commands, drive = context.commands.side(side), context.drivers.drives[side]
         before = commands.controls, commands.set_points[quantity]
-        asked = commands.ask(quantity, target, rate, context.clock.now())
+        requested = commands.ask(quantity, target, rate, context.clock.now())
         if commands.enabled:
             tell = drive.command_torque if quantity == "torque" else drive.command_speed
             order = Message("go to {target:g} {unit}", target, self._unit)
             try:
                 await context.tell_drive(side, order, tell, target, rate)
             except (InputError, LimitError):  # refused before the drive received it
-                commands.withdraw(quantity, asked, before)
+                commands.withdraw(quantity, requested, before)
                 raise
         # the samples so far end before the ramp
-        told = commands.told(quantity, asked, context.clock.present())
+        confirmed = commands.told(quantity, requested, context.clock.present())
         present = commands.set_points[quantity]
-        overtaken = present is not told and present.value == 0.0 != target
+        overtaken = present is not confirmed and present.value == 0.0 != target
         if overtaken and commands.enabled:
             # zero was commanded while this command was given, and takes precedence
             ramp_s = context.description.safety.ramp_to_zero_s
             await context.tell_drive(side, "go to zero", drive.ramp_to_zero, ramp_s)
-        return told
+        return confirmed
 
     async def stop(self, success: bool = True) -> None:
         """Ramp torque and speed to zero at the drive's own rates, without waiting for the end."""

@@ -68,8 +68,8 @@ class AdsLink(PlcLink):
             raise WireError(Message("garbled answer ({error})", error)) from error
 
     def _read(self, connection: Any, names: Sequence[str]) -> list[float]:
-        found = self._asked(connection.read_list_by_name, list(names))
-        return [self._number(name, found[name]) for name in names]
+        values = self._asked(connection.read_list_by_name, list(names))
+        return [self._number(name, values[name]) for name in names]
 
     def _number(self, name: str, value: Any) -> float:
         """Return a variable's value as a float; refuse one that isn't a number."""

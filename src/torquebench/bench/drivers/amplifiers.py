@@ -143,8 +143,8 @@ class AmplifierCounter(DescribedCounter):
         self._windows += count
         time.sleep(max(0.0, self._begun_s + self._windows * self._window_s - time.monotonic()))
         records = {
-            name: Record({"time_s": time_s, "signal": values[:, place].copy()})
-            for place, name in enumerate(names)
+            name: Record({"time_s": time_s, "signal": values[:, column].copy()})
+            for column, name in enumerate(names)
         }
         return Block(start_s, self._windows * self._window_s, {}, records)
 
@@ -219,8 +219,8 @@ class AmplifierReadout:
 
 def opened(amplifier: Amplifier, request: InstrumentRequest, options: AmplifierOptions) -> Any:
     """Return an amplifier in the requested role; it is closed if that fails."""
-    with contextlib.ExitStack() as kept:
-        kept.callback(amplifier.close)
+    with contextlib.ExitStack() as stack:
+        stack.callback(amplifier.close)
         if request.role == "counter":
             role: Any = AmplifierCounter(amplifier, request, options.channels.keys())
         else:
@@ -236,5 +236,5 @@ def opened(amplifier: Amplifier, request: InstrumentRequest, options: AmplifierO
                     "add it",
                 )
             role = AmplifierReadout(amplifier, options.period_s)
-        kept.pop_all()
+        stack.pop_all()
     return role

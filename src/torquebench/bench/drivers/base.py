@@ -361,11 +361,11 @@ class DriverSet:
         drives = self.drives.values()
         parts: list[object] = [self.counter, *drives, self.reference]
         parts += [self.modes, self.clamp, self.temperature, self.rail, self.supply]
-        asked: list[Identity] = []
-        for place, part in enumerate(parts):
-            if isinstance(part, Identified) and not any(part is each for each in parts[:place]):
-                asked.append(part.identity())
-        return asked
+        instruments: list[Identity] = []
+        for number, part in enumerate(parts):
+            if isinstance(part, Identified) and not any(part is each for each in parts[:number]):
+                instruments.append(part.identity())
+        return instruments
 
     def close(self) -> None:
         """Release every instrument, even if one of them fails to close."""

@@ -314,15 +314,15 @@ class Cia402Drive:
             The drive has neither.
         """
         bits = self._link.read_optional(SUPPORTED_MODES)
-        found = [mode for mode in (profile, cyclic) if not bits or bits >> mode - 1 & 1]
-        if not found:
+        supported = [mode for mode in (profile, cyclic) if not bits or bits >> mode - 1 & 1]
+        if not supported:
             raise BenchError(
                 Message("{name} has neither mode {profile} nor {cyclic}",
                         self._link.name, profile, cyclic),
                 "profile or cyclic synchronous torque and velocity (object 0x6502)",
                 "enable the mode in the drive's settings, or take another drive",
             )  # fmt: skip
-        return found[0]
+        return supported[0]
 
     def identity(self) -> Identity:
         """Read identity and reactions of the drive; objects optional in CiA 301 may be missing."""
@@ -456,10 +456,10 @@ class Cia402Drive:
             return
         self._write(MODE, mode)
         deadline = time.monotonic() + self._options.switching_s
-        while (shown := self._link.read(MODE_DISPLAY)) != mode:
+        while (displayed := self._link.read(MODE_DISPLAY)) != mode:
             if time.monotonic() > deadline:
                 raise BenchError(
-                    Message("{name} stays in mode {shown}", self._link.name, shown),
+                    Message("{name} stays in mode {shown}", self._link.name, displayed),
                     Message("mode {mode}", mode),
                     "check that the drive supports this mode",
                 )

@@ -114,9 +114,9 @@ class LibraryCounter(DescribedCounter):
                 note(self._place, "", "answer", f"{what}: {answer!r}")
             return answer
         except self._failures as error:
-            said = f"{what}: {self._text_of(error)}" if what else self._text_of(error)
+            message = f"{what}: {self._text_of(error)}" if what else self._text_of(error)
             raise BenchError(
-                Message("{place}: {said}", self._place, said),
+                Message("{place}: {said}", self._place, message),
                 "a device that executes its commands",
                 self._remedy,
             ) from error

@@ -545,16 +545,18 @@ def _transducer(description: BenchDescription, channel: str) -> TransducerDescri
     """Return the transducer of an analogue channel; raise `InputError` if it gives a frequency."""
     side: Side = "input" if channel.startswith("input") else "output"
     module = channel == torque_channel(side)
-    found = (
+    transducer = (
         description.module(side).transducer if module else description.calibrator.transducer(side)
     )
-    if found.signal not in ("V", "mV/V"):
+    if transducer.signal not in ("V", "mV/V"):
         raise InputError(
-            Message("{channel} at an analogue input, its signal {signal!r}", channel, found.signal),
+            Message(
+                "{channel} at an analogue input, its signal {signal!r}", channel, transducer.signal
+            ),
             "signal = 'V' or 'mV/V' at an analogue input, 'frequency' at a counter",
             "correct the transducer's signal or driver.counter.channels",
         )
-    return found
+    return transducer
 
 
 def _counter(request: InstrumentRequest) -> DaqmxCounter:

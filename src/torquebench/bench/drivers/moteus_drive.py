@@ -102,14 +102,14 @@ class MoteusDrive:
         self._watchdog_s = watchdog_s
         moteus = link.library
         self._register, self._mode = moteus.Register, moteus.Mode
-        asked = moteus.QueryResolution()
-        asked.position = moteus.INT32
-        asked._extra = {
+        resolution = moteus.QueryResolution()
+        resolution.position = moteus.INT32
+        resolution._extra = {
             self._register.CONTROL_VELOCITY: moteus.F32,
             self._register.CONTROL_TORQUE: moteus.F32,
         }
         self._controller = moteus.Controller(
-            id=options.node, query_resolution=asked, transport=object()
+            id=options.node, query_resolution=resolution, transport=object()
         )
         self._set_point: dict[str, float] = {"feedforward_torque": 0.0, "velocity": 0.0}
         self._speed_control = False
@@ -120,16 +120,16 @@ class MoteusDrive:
 
     def _read(self, command: Any = None) -> dict[int, float]:
         """Send a command, or only ask; return the state with all registers that are needed."""
-        found = self._link.exchange(command or self._controller.make_query())
+        registers = self._link.exchange(command or self._controller.make_query())
         register = self._register
         needed = (register.MODE, register.POSITION, register.FAULT)
-        if any(name not in found for name in (*needed, register.CONTROL_TORQUE)):
+        if any(name not in registers for name in (*needed, register.CONTROL_TORQUE)):
             raise BenchError(
                 Message("{name} states no {register}", self._link.name, "mode or control torque"),
                 "a controller with firmware of 2023 or later",
                 "update its firmware",
             )
-        return found
+        return registers
 
     def identity(self) -> Identity:
         """Read the controller's serial number and firmware."""
@@ -230,17 +230,17 @@ class MoteusDrive:
     def state(self) -> DriveState:
         """Request the active set points and the fault state."""
         self._stepper.check()
-        found = self._read()
-        mode, fault = int(found[self._register.MODE]), ""
+        registers = self._read()
+        mode, fault = int(registers[self._register.MODE]), ""
         if mode == self._mode.TIMEOUT:
             fault = Message("watchdog not fed for {watchdog_s:g} s", self._watchdog_s)
         elif mode == self._mode.FAULT:
-            fault = Message("fault code {words}", int(found[self._register.FAULT]))
+            fault = Message("fault code {words}", int(registers[self._register.FAULT]))
         enabled = mode == self._mode.POSITION
         if self._speed_control:
-            turns_s = found[self._register.CONTROL_VELOCITY] if enabled else 0.0
+            turns_s = registers[self._register.CONTROL_VELOCITY] if enabled else 0.0
             return DriveState(enabled, None, turns_s * TURN, fault)
-        torque_nm = found[self._register.CONTROL_TORQUE] if enabled else 0.0
+        torque_nm = registers[self._register.CONTROL_TORQUE] if enabled else 0.0
         return DriveState(enabled, torque_nm, None, fault)
 
     def position_counts(self) -> int:

@@ -118,9 +118,9 @@ class OpcUaServer(Link[Any]):
         """Return the values of nodes, read by one request."""
 
         def exchange(client: Any) -> list[Any]:
-            found = [client.get_node(node) for node in nodes]
+            variables = [client.get_node(node) for node in nodes]
             value = self._library.ua.AttributeIds.Value
-            return list(self._asked(lambda: client.read_attributes(found, attr=value)))
+            return list(self._asked(lambda: client.read_attributes(variables, attr=value)))
 
         return self.call(exchange)
 

@@ -100,11 +100,11 @@ class OpenDaqCounter(LibraryCounter):
         """Connect to the device and read its signals' scales, sample rate and name plate."""
         address = self._options.address
         self._device = self._ask(lambda: self._instance.add_device(address))
-        found = {
+        devices = {
             str(signal.global_id): signal
             for signal in self._ask(lambda: self._device.signals_recursive)
         }
-        self._signals = [self._signal(found, name) for name in self._served]
+        self._signals = [self._signal(devices, name) for name in self._served]
         self._scales = [self._scale(name) for name in range(len(self._served))]
         domain = self._signals[0].domain_signal.descriptor
         resolution = domain.tick_resolution

@@ -126,12 +126,12 @@ def protocols() -> dict[str, Callable[[], DriverPlugin]]:
     >>> sorted(protocols())[:3]
     ['ads', 'canopen', 'hbm']
     """
-    found: dict[str, Callable[[], DriverPlugin]] = {}
+    plugins: dict[str, Callable[[], DriverPlugin]] = {}
     for point in entry_points(DRIVERS):
-        found[point.name] = point.load
+        plugins[point.name] = point.load
     for name, module in _BUILT_IN.items():
-        found[name] = partial(_built_in, module)
-    return found
+        plugins[name] = partial(_built_in, module)
+    return plugins
 
 
 def _built_in(module: str) -> DriverPlugin:

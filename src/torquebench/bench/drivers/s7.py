@@ -62,8 +62,8 @@ class S7Link(PlcLink):
             raise WireError(" ".join(str(error).split())[:160] or type(error).__name__) from error
 
     def _parts(self, names: Sequence[str]) -> list[tuple[int, str, int]]:
-        found = [re.fullmatch(PATTERN, name) for name in names]
-        parts = [(int(m[1]), FORMATS[m[2]], int(m[3])) for m in found if m is not None]
+        matches = [re.fullmatch(PATTERN, name) for name in names]
+        parts = [(int(m[1]), FORMATS[m[2]], int(m[3])) for m in matches if m is not None]
         assert len(parts) == len(names)
         return parts
 

@@ -94,6 +94,6 @@ class SampleClock:
             return Record({"time_s": np.empty(0), "signal": np.empty(0)})
         time_s = self._begun_s + self.period_s * (self._numbers + np.float64(0.5))
         ready = int(np.searchsorted(time_s, until_s + 1e-9))
-        known = Record({"time_s": time_s[:ready], "signal": self._torque[:ready]})
+        timed = Record({"time_s": time_s[:ready], "signal": self._torque[:ready]})
         self._numbers, self._torque = self._numbers[ready:], self._torque[ready:]
-        return known
+        return timed

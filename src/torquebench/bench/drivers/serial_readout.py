@@ -21,10 +21,10 @@ from torquebench.message import Message
 def _pattern(text: str) -> str:
     """Return a regular expression that has a group `value`; refuse any other text."""
     try:
-        found = re.compile(text)
+        expression = re.compile(text)
     except re.error as error:
         raise ValueError(f"not a regular expression: {error}") from error
-    if "value" not in found.groupindex:
+    if "value" not in expression.groupindex:
         raise ValueError("without a group (?P<value>...)")
     return text
 
@@ -80,9 +80,9 @@ class _Display(LineLink):
             with contextlib.suppress(WireError):  # no newer complete line has arrived
                 while True:
                     line = connection.receive(0.0)
-        found = re.search(options.pattern, line)
-        if found is not None:
-            return options.scale * float(found["value"].replace(" ", "").replace(",", "."))
+        match = re.search(options.pattern, line)
+        if match is not None:
+            return options.scale * float(match["value"].replace(" ", "").replace(",", "."))
         if re.search(options.no_value, line):
             return math.nan
         raise WireError(Message("{line!r} doesn't match the pattern", line[:40]))

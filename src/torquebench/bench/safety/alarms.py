@@ -209,13 +209,13 @@ class Alarm:
 
     def error(self) -> TorquebenchError:
         """Error to be raised in the interrupted operation."""
-        found = Message(
+        message = Message(
             "{kind}: {found} at {time:.3f} s of bench time",
             self.kind.value,
             self.found,
             self.time_s,
         )
-        return _ERRORS.get(self.kind, BenchError)(found, self.allowed, self.remedy)
+        return _ERRORS.get(self.kind, BenchError)(message, self.allowed, self.remedy)
 
 
 @dataclass(frozen=True)
@@ -342,12 +342,12 @@ class AlarmBook:
             self._latched = None
             moment = datetime.now(UTC)
             changed = []
-            for place, entry in enumerate(self._entries):
-                looked_at = seen is None or place + 1 in seen
+            for number, entry in enumerate(self._entries):
+                looked_at = seen is None or number + 1 in seen
                 if entry.active and entry.acknowledged is None and looked_at:
                     entry = replace(entry, acknowledged_by=who, acknowledged=moment)
-                    self._entries[place] = entry
-                    changed.append(place + 1)
+                    self._entries[number] = entry
+                    changed.append(number + 1)
         return tuple(changed)
 
     def _tell(self, entries: list[RaisedAlarm]) -> None:

@@ -202,10 +202,10 @@ class DriveWorker:
         try:
             if feed:
                 self.drive.feed_watchdog()
-            asked = time.monotonic()
+            requested = time.monotonic()
             self.state = self.drive.state()
             self._states_remote |= self.state.remote
-            self.asked = asked
+            self.asked = requested
         except Exception as error:  # a broken connection is treated like a broken drive
             self.failure = Message("{name}: {error}", type(error).__name__, error)
         else:

@@ -51,13 +51,13 @@ class _Ramp:
 
     def go_on(self, point: SetPoint, stop_s: float, late_s: float) -> None:
         """Advance to a time towards a set point that the drive may follow with a delay."""
-        asked = replace(point, told_s=math.inf)  # a repeated command doesn't restart the ramp
-        if asked != self._point:
+        resumed = replace(point, told_s=math.inf)  # a repeated command doesn't restart the ramp
+        if resumed != self._point:
             self._time_s = max(self._time_s, point.asked_s)
             distance = max(abs(point.value - end) for end in self._ends)
             slowest = distance / point.within_s if point.within_s > 0.0 else math.inf
             self._rate = min(point.rate, slowest)
-            self._point = asked
+            self._point = resumed
         low, high = (self._towards(point.value, end, stop_s) for end in self._ends)
         self._ends = low, high
         self._time_s = stop_s
@@ -108,9 +108,9 @@ class FollowingJudge:
             held = reference_channel(side) in block.records
             # with a standard, this is the speed of its shaft, not of the drive
             quantity: Quantity = "torque" if held else commands.controls
-            found = self._judge(side, quantity, commands.set_points[quantity], block, held=held)
-            if found is not None:
-                return found
+            violation = self._judge(side, quantity, commands.set_points[quantity], block, held=held)
+            if violation is not None:
+                return violation
         return None
 
     def _judge(

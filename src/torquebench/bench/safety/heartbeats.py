@@ -104,7 +104,7 @@ class Heartbeats:
     def ask(self) -> None:
         """Request a heartbeat from all sources with a callback."""
         with self._lock:
-            pings = [each.ping for each in self._beats.values() if each.ping is not None]
+            pings = [beat.ping for beat in self._beats.values() if beat.ping is not None]
         for ping in pings:
             with contextlib.suppress(Exception):  # a source that can't be called gives no heartbeat
                 ping()

@@ -76,8 +76,8 @@ class LimitBook:
         self._number = 0
         self._own: dict[Side, SideLimits] = {}
         for side in SIDES:
-            given = description.module(side).limits.model_dump(exclude_none=True)
-            self._own[side] = SideLimits(**given)
+            limits = description.module(side).limits.model_dump(exclude_none=True)
+            self._own[side] = SideLimits(**limits)
         self._present = dict(self._own)
         self.angle_changes = dict.fromkeys(SIDES, 0)
         """Number of new angle limits of each side; after each new limit, the angle is counted from

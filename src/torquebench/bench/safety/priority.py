@@ -48,14 +48,14 @@ class Priority(IntEnum):
 
 def _priority_wanted() -> bool:
     """Return whether the environment wants the best priority, not the usual one."""
-    asked = os.environ.get(PRIORITY) or BEST
-    if asked not in (BEST, USUAL):
+    priority = os.environ.get(PRIORITY) or BEST
+    if priority not in (BEST, USUAL):
         raise InputError(
-            Message("{priority}={asked}", PRIORITY, asked),
+            Message("{priority}={asked}", PRIORITY, priority),
             "best or usual",
             "change it, or unset it for best",
         )
-    return asked == BEST
+    return priority == BEST
 
 
 def prefer_this_thread() -> Priority:
@@ -110,14 +110,14 @@ class _Lift:
     def begin(self) -> None:
         """Raise the process's priority for the first bench, and switch threads more often."""
         with self._lock:
-            asked = _priority_wanted()
+            wanted = _priority_wanted()
             self._benches += 1
             if self._benches > 1:
                 return
             niceness = os.getpriority(os.PRIO_PROCESS, 0) if sys.platform == "linux" else 0
             self._before = (sys.getswitchinterval(), niceness)
             gc.freeze()  # walking through the objects of all libraries takes 0.1 to 0.4 s
-            lifted = min(niceness, NICENESS) if asked else niceness
+            lifted = min(niceness, NICENESS) if wanted else niceness
             self._apply(min(sys.getswitchinterval(), SWITCH_INTERVAL_S), lifted)
 
     def end(self) -> None:

@@ -509,11 +509,11 @@ class SignalJudge:
         changed = watch.judge(value, limit, level, hysteresis)
         if watch.level is not AlarmLevel.CRITICAL and not changed:
             return
-        found = Message(text, source, value)
+        message = Message(text, source, value)
         allowed = Message("at most {limit:g} {unit}", limit, unit)
         if watch.level is AlarmLevel.CRITICAL:
-            self._violated(kind, source, found, allowed, _REMEDIES[kind])
-        warns = Violation(kind, source, found, allowed, "it stops the bench at the limit")
+            self._violated(kind, source, message, allowed, _REMEDIES[kind])
+        warns = Violation(kind, source, message, allowed, "it stops the bench at the limit")
         self._warnings.append(Change(watch, warns if watch.level is AlarmLevel.WARNING else None))
 
     def _lost(
@@ -545,9 +545,9 @@ def _kind_of(fault: np.ndarray[tuple[int], np.dtype[np.uint8]]) -> SignalFaultKi
 
 def _appended(before: Record | None, record: Record) -> Record:
     """Append times and readings, without NaN."""
-    known = np.isfinite(record["reading_nm"])
+    finite = np.isfinite(record["reading_nm"])
     new = Record.unchecked(
-        {name: record[name][known] for name in ("time_s", "reading_nm")}, int(known.sum())
+        {name: record[name][finite] for name in ("time_s", "reading_nm")}, int(finite.sum())
     )
     return new if before is None else Record.join([before, new])
 

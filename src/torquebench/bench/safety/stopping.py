@@ -154,12 +154,12 @@ class ReadBack:
 
         Readings count as in `at_zero`.
         """
-        found = []
+        sides = []
         for side, worker in self._workers.items():
             state = worker.read(since)
             power = None if state is None else state.enabled
-            found.append(Remaining(side, power, self.torque_nm(side, since_s) if torque else 0.0))
-        return found
+            sides.append(Remaining(side, power, self.torque_nm(side, since_s) if torque else 0.0))
+        return sides
 
     def allowed(self) -> str:
         """Return the description of the safe state."""
@@ -232,9 +232,9 @@ class StopSequence:
     def ramp_to_zero(self, side: Side, ramp_s: float) -> None:
         """Command a drive to zero torque and speed; disable it if that fails."""
         commands = self._commands.side(side)
-        asked = commands.ask_zero(self._clock.now(), ramp_s)  # the drive may move at once
+        requested = commands.ask_zero(self._clock.now(), ramp_s)  # the drive may move at once
         self._workers[side].ramp_to_zero(ramp_s)
-        commands.told_zero(asked, self._clock.present())
+        commands.told_zero(requested, self._clock.present())
 
     def unload(self, sides: Iterable[Side] = SIDES) -> float:
         """Ramp drives to zero at their own rates; return the bench time until it is done, s."""
@@ -283,34 +283,34 @@ class StopSequence:
 
     def _await_off(self, now_s: float) -> None:
         """Read back whether power and torque are zero; raise an alarm if they aren't in time."""
-        found = self.remaining()
-        known = [each for each in found if each.known]
-        if all(each.gone for each in found):
+        remaining = self.remaining()
+        unsafe = [each for each in remaining if each.known]
+        if all(each.gone for each in remaining):
             self.powered = False
-        if not known:
+        if not unsafe:
             # A torque that can't be read only delays the acknowledgement.
-            if all(each.gone for each in found) or self._unread.passed(now_s):
+            if all(each.gone for each in remaining) or self._unread.passed(now_s):
                 self.stage = Stage.SAFE
                 self._ended.set()
             return
         if self.stage is Stage.GOING_OFF and self._deadline.passed(now_s):
             self.stage = Stage.NOT_SAFE
         if self.stage is Stage.NOT_SAFE:
-            self._state_what_is_on(known)
+            self._state_what_is_on(unsafe)
             self._ended.set()
         if time.monotonic() - self._told_wall > RETOLD_S:
             self._told_wall = time.monotonic()
-            for side in (each.side for each in known if each.power is not False):
+            for side in (each.side for each in unsafe if each.power is not False):
                 if self._workers[side].idle:
                     self._workers[side].disable(lambda _told: None)
 
     def _state_what_is_on(self, known: Sequence[Remaining]) -> None:
         """State remaining power and torque in the alarm, and again after each change."""
-        latched, found = self._book.latched, self.not_safe(known)
+        latched, violation = self._book.latched, self.not_safe(known)
         if latched is None or latched.kind is not AlarmKind.NOT_SAFE:
-            self.news.append(self._book.add(found.alarm(self._clock.now())).number)
+            self.news.append(self._book.add(violation.alarm(self._clock.now())).number)
         elif self._differs(known):
-            self._book.restate(latched.number, found.found)
+            self._book.restate(latched.number, violation.found)
             self.news.append(latched.number)
         else:
             return
@@ -332,14 +332,14 @@ class StopSequence:
         """Check that torque falls after an orderly stop; return a violation by a drive."""
         if self._off_s is None:
             self._off_s = now_s
-        found = self.read_back.remaining(self._off_s, self._began, torque=True)
-        if all(each.gone for each in found):
+        remaining = self.read_back.remaining(self._off_s, self._began, torque=True)
+        if all(each.gone for each in remaining):
             self.powered, self._off_s = False, None
             if self._remains is not None:
                 self._book.clear(self._remains)
                 self._remains = None
             return None
-        loaded = [each for each in found if abs(each.torque_nm) > 0.0]
+        loaded = [each for each in remaining if abs(each.torque_nm) > 0.0]
         if not loaded or now_s - self._off_s <= GOING_OFF_S:
             return None
         violation = self.not_safe(loaded)
@@ -380,10 +380,10 @@ class StopSequence:
             for side in sides:
                 self._workers[side].ask(feed=True)
                 self._workers[side].wait_asked(GOING_OFF_S)
-            found = self.read_back.remaining(begun_s, begun, torque=torque)
+            remaining = self.read_back.remaining(begun_s, begun, torque=torque)
             left = [
                 each
-                for each in found
+                for each in remaining
                 if each.side in sides
                 and (each.power is not False or abs(each.torque_nm) > self.much_nm(each.side))
             ]
@@ -392,5 +392,5 @@ class StopSequence:
             if time.monotonic() - begun > GOING_OFF_S:
                 break
             time.sleep(READ_PERIOD_S)
-        found = self.read_back.remaining(begun_s, begun, torque=True)
-        return self.not_safe([each for each in found if each.side in sides])
+        remaining = self.read_back.remaining(begun_s, begun, torque=True)
+        return self.not_safe([each for each in remaining if each.side in sides])

@@ -128,7 +128,7 @@ class SafetySupervisor:
     def history(self) -> tuple[Alarm, ...]:
         """Every critical alarm since the bench was opened, with later causes of a latched one."""
         critical = AlarmLevel.CRITICAL
-        return tuple(each.alarm for each in self._book.entries if each.alarm.level is critical)
+        return tuple(entry.alarm for entry in self._book.entries if entry.alarm.level is critical)
 
     @property
     def entries(self) -> tuple[RaisedAlarm, ...]:
@@ -203,12 +203,12 @@ class SafetySupervisor:
                     "wait a moment",
                 )
             if still := self.still_on():
-                known = self._stop.stage is Stage.NOT_SAFE or any(each.power for each in still)
+                certain = self._stop.stage is Stage.NOT_SAFE or any(each.power for each in still)
                 raise InterlockError(
                     Message("alarm {alarm}, {still}", alarm.kind.value, remaining_in_words(still)),
                     self._stop.read_back.allowed(),
                     PRESS_STOP
-                    if known
+                    if certain
                     else "wait a moment; check that drive and signal can be read",
                 )
             if not who.strip():
@@ -296,13 +296,13 @@ class SafetySupervisor:
                 self._book.clear(self._late)
                 self._late = None
             return
-        found = Message("the newest samples are {seconds:.1f} s old", late_s)
+        message = Message("the newest samples are {seconds:.1f} s old", late_s)
         allowed = Message("at most {seconds:g} s", allowed_s)
         remedy = "wait until it has caught up; close other programs that load the computer"
         if self._commands.any_enabled and self._book.latched is None:
-            self.trip(AlarmKind.STALL, "acquisition", found, allowed, remedy)
+            self.trip(AlarmKind.STALL, "acquisition", message, allowed, remedy)
         elif self._late is None:
-            self._late = self.warn(AlarmKind.STALL, "acquisition", found, allowed, remedy).number
+            self._late = self.warn(AlarmKind.STALL, "acquisition", message, allowed, remedy).number
 
     # -- drives and heartbeats --------------------------------------------------------------
 
@@ -337,13 +337,13 @@ class SafetySupervisor:
                 continue
             commands = self._commands.side(side)
             watchdog_s = self._description.module(side).drive.watchdog_s
-            found = worker.found_wrong(since, commands.enabled_wall_s, watchdog_s)
+            defect = worker.found_wrong(since, commands.enabled_wall_s, watchdog_s)
             # It may have been switched off meanwhile: the last command counts.
-            if found and commands.enabled:
+            if defect and commands.enabled:
                 return Violation(
                     AlarmKind.DRIVE_FAULT,
                     side,
-                    Message("{side} drive: {fault}", side, found),
+                    Message("{side} drive: {fault}", side, defect),
                     "an enabled drive without fault",
                     "read the drive's fault code",
                 )
@@ -481,9 +481,9 @@ class SafetySupervisor:
     def _watch_once(self) -> None:
         """Look for stalls and unreachable drives, and go on towards the safe state."""
         if self._stalls() and self._book.latched is None and self._commands.any_enabled:
-            found = Message("no block of samples for {seconds:g} s of wall time", self._stall_s)
+            message = Message("no block of samples for {seconds:g} s of wall time", self._stall_s)
             remedy = "check the counter's connection and the computer's load"
-            self.trip(AlarmKind.STALL, "acquisition", found, "a block in its own time", remedy)
+            self.trip(AlarmKind.STALL, "acquisition", message, "a block in its own time", remedy)
         if not self._clock.fast:
             self._look_around()
         elif self._stop.stage is not Stage.SAFE:
@@ -508,16 +508,16 @@ class SafetySupervisor:
 
     def _fail(self, error: Exception) -> None:
         """Go to the safe state after an error in the supervisor itself."""
-        found = Message("{name}: {error}", type(error).__name__, error)
-        if found == self._failed:
+        message = Message("{name}: {error}", type(error).__name__, error)
+        if message == self._failed:
             return  # it repeats with every check
-        self._failed = found
+        self._failed = message
         logger.error("the supervisor failed", exc_info=error)
         try:
             self.trip(
                 AlarmKind.SUPERVISOR,
                 "supervisor",
-                found,
+                message,
                 "a supervisor that receives all data",
                 "open the bench again; if it happens again, report it",
             )

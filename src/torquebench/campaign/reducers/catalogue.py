@@ -58,8 +58,8 @@ class ReducerTest:
         if not self.kind:
             raise InputError("the plan of the test 'full'", "one of its parts")
         module, _, name = self.kind.partition(".")
-        found: ReducerTestWork = getattr(import_module(f"{__package__}.kinds.{module}"), name)
-        return found
+        work: ReducerTestWork = getattr(import_module(f"{__package__}.kinds.{module}"), name)
+        return work
 
 
 PARTS = (

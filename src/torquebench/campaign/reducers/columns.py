@@ -157,21 +157,21 @@ def _stated_once(
     """Return a quantity that a comment states, or the only value of its kind in a file's name."""
     from torquebench.tables import Table, understand
 
-    found: list[tuple[str, str]] = []
+    settings: list[tuple[str, str]] = []
     for remark, value in table.remarks.items():
         number = _VALUE.match(value)
         if number and (remark == name or remark.startswith((f"{name}_", f"{name} "))):
             unit = value[number.end() :].strip()
-            found.append((f"{remark} [{unit}]" if unit else remark, number[0]))
-    if not found and in_name:
+            settings.append((f"{remark} [{unit}]" if unit else remark, number[0]))
+    if not settings and in_name:
         for number in _IN_NAME.finditer(data.stem):
             behind = _UNIT_BEHIND.match(data.stem, number.end())
             units = (behind[0].strip(), behind[1]) if behind else ()
             stated = [unit for unit in units if kind in kinds_of(unit)]
-            found += [(f"{name} [{unit}]", number[0]) for unit in stated[:1]]
-    if len(found) != 1:
+            settings += [(f"{name} [{unit}]", number[0]) for unit in stated[:1]]
+    if len(settings) != 1:
         return {}
-    ((header, text),) = found
+    ((header, text),) = settings
     once = Table(data.name, (header,), ([text],), (1,))
     values = understand(once, {name: kind}).numbers(once, name)
     return {} if values is None else {name: float(values[0])}
@@ -183,7 +183,7 @@ def _chosen(table: Table, where: Sequence[str]) -> Table:
 
     if not where:
         return table
-    kept = np.ones(len(table), dtype=bool)
+    rows = np.ones(len(table), dtype=bool)
     for text in where:
         header, equals, values = text.partition("=")
         header = header.strip()
@@ -194,10 +194,10 @@ def _chosen(table: Table, where: Sequence[str]) -> Table:
             )
         wanted = [value.strip() for value in values.split(",")]
         try:
-            kept &= np.isin(table.numbers(header), [float(value) for value in wanted])
+            rows &= np.isin(table.numbers(header), [float(value) for value in wanted])
         except (ValueError, InputError):
             words = [word.strip().casefold() for word in table.texts(header)]
-            kept &= np.isin(words, [word.casefold() for word in wanted])
-    if not np.any(kept):
+            rows &= np.isin(words, [word.casefold() for word in wanted])
+    if not np.any(rows):
         raise InputError("no row is left", "a row that meets every --where", "check the values")
-    return table.chosen(np.flatnonzero(kept))
+    return table.chosen(np.flatnonzero(rows))

@@ -92,7 +92,7 @@ class ReducerComparison:
     @property
     def simulated(self) -> bool:
         """Whether any run comes from a simulated bench."""
-        return any(each.simulated for each in self.specimens)
+        return any(specimen.simulated for specimen in self.specimens)
 
     def title(self, key: str) -> str:
         """Return the title of a value."""
@@ -146,20 +146,24 @@ def compared(specimens: Sequence[SpecimenResults], *, change: bool = False) -> R
     """
     _check(specimens, change)
     first = specimens[0]
-    keys = [key for key in first.quantities if all(key in each.quantities for each in specimens)]
+    keys = [
+        key for key in first.quantities if all(key in specimen.quantities for specimen in specimens)
+    ]
     if not keys:
         raise InputError("runs without a common value", "runs with the same settings")
-    same = all(each.bench == first.bench and each.chain == first.chain for each in specimens)
+    same = all(
+        specimen.bench == first.bench and specimen.chain == first.chain for specimen in specimens
+    )
     changes: dict[str, Change] = {}
     values: dict[str, SpecimenComparison] = {}
     for key in keys:
-        estimates = {each.name: each.quantities[key].estimate for each in specimens}
+        estimates = {specimen.name: specimen.quantities[key].estimate for specimen in specimens}
         if change:
-            before, after = (each.quantities[key].estimate for each in specimens)
+            before, after = (specimen.quantities[key].estimate for specimen in specimens)
             changes[key] = change_between(key, before, after, same_calibration=same)
         else:
             values[key] = compare_specimens(key, estimates, same_calibration=same)
-    every = {key for each in specimens for key in each.quantities}
+    every = {key for specimen in specimens for key in specimen.quantities}
     return ReducerComparison(tuple(specimens), changes, values, same, len(every) - len(keys))
 
 
@@ -178,7 +182,7 @@ def _check(found: Sequence[SpecimenResults], change: bool) -> None:
                 Message("runs of {names}", " and ".join(names)), Message("one {what}", what)
             )
     serials = [each.serial for each in found]
-    named = ", ".join(each or "no serial" for each in serials)
+    named = ", ".join(serial or "no serial" for serial in serials)
     if change and (len(found) != 2 or len(set(serials)) > 1):
         raise InputError(
             Message("{count} runs of {said}", len(found), named),

@@ -51,10 +51,10 @@ class Known:
         """Return the twist of each side; sides of unknown twist are left out."""
         if self.twist is not None:
             return twist_compliances(self.twist)
-        known = self.twist_arcmin_per_nm
-        if known is None:
+        stated = self.twist_arcmin_per_nm
+        if stated is None:
             return {}
-        twist = TwistCompliance(known * ARCMIN, 0.02 * abs(known) * ARCMIN, "as stated, ± 2 %")
+        twist = TwistCompliance(stated * ARCMIN, 0.02 * abs(stated) * ARCMIN, "as stated, ± 2 %")
         return {"output": twist}
 
     def tares(self, ratio: float) -> dict[Side, Tare]:
@@ -96,7 +96,7 @@ def preparations(
         Sides whose measuring chain corrects the effects of rotation: they need an empty run only if
         the settings require it.
     """
-    found = []
+    measurements = []
     twist = settings.bench_twist
     largest_nm = settings.plans["hysteresis"].torque_share * limits.rated_torque_nm
     loops_nm: dict[Side, float] = {
@@ -109,7 +109,7 @@ def preparations(
         def keep_twist(known: Known, recording: Any) -> None:
             known.twist = recording
 
-        found.append(
+        measurements.append(
             Preparation(
                 "bench-twist",
                 "Twist of the bench",
@@ -125,7 +125,7 @@ def preparations(
         def keep_empty_run(known: Known, recording: Any) -> None:
             known.empty = recording
 
-        found.append(
+        measurements.append(
             Preparation(
                 "empty-run",
                 "Empty run, nothing mounted",
@@ -133,4 +133,4 @@ def preparations(
                 keep_empty_run,
             )
         )
-    return found
+    return measurements

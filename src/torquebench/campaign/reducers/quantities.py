@@ -61,16 +61,19 @@ def result_quantities(
         Whether a pass is only conditional, as after a short test.
     """
     limits = {each.key: each for each in judged}
-    found = [(each.key, each.title, each.estimate, each.rule) for each in result.quantities()]
+    quantities = [
+        (quantity.key, quantity.title, quantity.estimate, quantity.rule)
+        for quantity in result.quantities()
+    ]
     # A limit between measured points, for example of an efficiency, has no entry in the quantities.
-    known = {key for key, _, _, _ in found}
-    found += [
+    keys = {key for key, _, _, _ in quantities}
+    quantities += [
         (each.key, each.title, each.estimate, "interpolated")
         for each in judged
-        if each.key not in known
+        if each.key not in keys
     ]
     rows = []
-    for key, title, estimate, rule in found:
+    for key, title, estimate, rule in quantities:
         held = limits.get(key)
         verdict = Verdict.NONE if held is None else held.decision.verdict
         if conditional and verdict is Verdict.PASS:

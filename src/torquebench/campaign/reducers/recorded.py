@@ -116,12 +116,14 @@ class RecordedTest:
         """
         work = TESTS[self.test].work()
         bench = Bench(description, self.known.twists(), self.known.tares(self.reducer.signed_ratio))
-        found = work.evaluate(bench, self.reducer, self.recording)
+        evaluation = work.evaluate(bench, self.reducer, self.recording)
         unsampled = work.unsampled(self.settings)
-        found = replace(found, remarks=(*found.remarks, *(each.remark for each in unsampled)))
-        whole = PartlySampled(found.result, unsampled)
-        judged = verdicts(whole, self.reducer)
-        budgets = {each.key: each.estimate for each in whole.quantities()}
+        evaluation = replace(
+            evaluation, remarks=(*evaluation.remarks, *(each.remark for each in unsampled))
+        )
+        result = PartlySampled(evaluation.result, unsampled)
+        judged = verdicts(result, self.reducer)
+        budgets = {quantity.key: quantity.estimate for quantity in result.quantities()}
         budgets |= {each.key: each.estimate for each in judged}
-        quantities = result_quantities(whole, judged, conditional=self.short)
-        return EvaluatedTest(bench, found, quantities, budgets)
+        quantities = result_quantities(result, judged, conditional=self.short)
+        return EvaluatedTest(bench, evaluation, quantities, budgets)

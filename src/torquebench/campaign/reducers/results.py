@@ -71,7 +71,7 @@ class ReducerTestOutcome:
     @property
     def severe(self) -> bool:
         """Whether a finding forbids a verdict."""
-        return any(each.severe for each in self.findings)
+        return any(finding.severe for finding in self.findings)
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class ReducerTestRecord:
     @property
     def failed(self) -> bool:
         """Whether a limit is exceeded, a finding forbids a verdict, or a part has no result."""
-        severe = any(each.severe for each in self.outcomes)
+        severe = any(outcome.severe for outcome in self.outcomes)
         return self.verdict.failed or bool(self.failures) or severe
 
 

@@ -119,8 +119,8 @@ class PartlySampled:
     def quantities(self) -> tuple[ResultQuantity, ...]:
         """Return the values under their names, for tables and reports."""
         return tuple(
-            replace(each, estimate=self._widened(each.estimate))
-            for each in self.result.quantities()
+            replace(quantity, estimate=self._widened(quantity.estimate))
+            for quantity in self.result.quantities()
         )
 
     def limited(self, limits: DataSheetLimits) -> Iterator[LimitedQuantity]:

@@ -49,7 +49,7 @@ class Specimen:
         work, settings = test.work(), self.settings.plans[test.name]
         short = self.settings.is_short
         sealed = self.station.description.recording.reducer_tests
-        kept: list[RecordedTest] = []
+        tests: list[RecordedTest] = []
         evaluations: list[EvaluatedTest] = []
 
         def plan() -> Plan[Any]:
@@ -59,9 +59,11 @@ class Specimen:
         def evaluated() -> Plan[Any]:
             """Measure the test, keep its recording, and evaluate it."""
             recording = yield from plan()
-            known = self.known.needed_by(test)
-            kept.append(RecordedTest(test.name, self.reducer, settings, short, known, recording))
-            evaluations.append(kept[-1].evaluated(self.station.description))
+            prepared = self.known.needed_by(test)
+            tests.append(
+                RecordedTest(test.name, self.reducer, settings, short, prepared, recording)
+            )
+            evaluations.append(tests[-1].evaluated(self.station.description))
             return self._results(test, evaluations[-1])
 
         # A rehearsal records nothing to evaluate.
@@ -72,18 +74,18 @@ class Specimen:
             title,
             evaluated,
             plan,
-            lambda: {RECORDING: kept[-1].file()} if kept and sealed else {},
+            lambda: {RECORDING: tests[-1].file()} if tests and sealed else {},
         )
-        found, quantities = evaluations[-1].found, evaluations[-1].quantities
+        evaluation, quantities = evaluations[-1].found, evaluations[-1].quantities
         return ReducerTestOutcome(
             name=test.name,
             title=title,
             quantities=quantities,
-            verdict=Verdict.worst(each.verdict for each in quantities),
-            remarks=found.remarks,
-            findings=tuple(getattr(found.result, "findings", ())),
-            recording=kept[-1].recording,
-            result=found.result,
+            verdict=Verdict.worst(quantity.verdict for quantity in quantities),
+            remarks=evaluation.remarks,
+            findings=tuple(getattr(evaluation.result, "findings", ())),
+            recording=tests[-1].recording,
+            result=evaluation.result,
             run=run,
             short=short,
         )
@@ -136,7 +138,7 @@ class Specimen:
 
     def _results(self, test: ReducerTest, evaluated: EvaluatedTest) -> dict[str, Any]:
         """Return the content of the run's ``results.json``."""
-        found, budgets = evaluated.found, evaluated.budgets
+        evaluation, budgets = evaluated.found, evaluated.budgets
         return {
             "test": test.name,
             "short": self.settings.is_short,
@@ -145,11 +147,11 @@ class Specimen:
             "simulated": self.station.description.simulated,
             "software_version": __version__,
             "quantities": [
-                {**vars(each), "budget": plain_budget(budgets[each.key])}
-                for each in evaluated.quantities
+                {**vars(quantity), "budget": plain_budget(budgets[quantity.key])}
+                for quantity in evaluated.quantities
             ],
-            "findings": list(getattr(found.result, "findings", ())),
-            "remarks": list(found.remarks),
+            "findings": list(getattr(evaluation.result, "findings", ())),
+            "remarks": list(evaluation.remarks),
             "empty_run": evaluated.bench.tares,
-            "evaluation": found.result,
+            "evaluation": evaluation.result,
         }

@@ -57,12 +57,12 @@ def rehearse_reducer_test(
     ]
     for test in tests:
         plan, repeated = test.work().plan, settings.repeated(test.name)
-        found = rehearse(devices, plan(devices, limits, settings.plans[test.name]))
+        rehearsal = rehearse(devices, plan(devices, limits, settings.plans[test.name]))
         longest_s = warm_up_s = 0.0
         if repeated is not None:
             longest_s = rehearse(devices, plan(devices, limits, repeated.longest())).duration_s
             warm_up_s = repeated.warm_up.longest_s
-        part = _rehearsed(test.name, test.title, found, longest_s, warm_up_s)
+        part = _rehearsed(test.name, test.title, rehearsal, longest_s, warm_up_s)
         if test.loads_output:
             _check_calibrated(station, part)
         parts.append(part)
@@ -196,8 +196,8 @@ def _all_parts(
     failures: list[ReducerTestFailure] = []
     limits = reducer_limits(specimen.reducer)
     parts: list[tuple[str, str, Callable[[], ReducerTestOutcome | None]]] = [
-        (each.name, each.title, partial(specimen.prepare, each))
-        for each in preparations(tests, limits, specimen.settings, rotating_sides(station))
+        (preparation.name, preparation.title, partial(specimen.prepare, preparation))
+        for preparation in preparations(tests, limits, specimen.settings, rotating_sides(station))
     ]
     parts += [(test.name, test.title, partial(specimen.test, test)) for test in tests]
     for part, title, action in parts:

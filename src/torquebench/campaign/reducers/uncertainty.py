@@ -99,13 +99,13 @@ def tare_remarks(bench: Bench, running: RunningRecording) -> list[str]:
         if stated is not None and np.any(stated.added("bearing drag") != 0.0)
     }
     if bench.tares:
-        found = ["the reading of an empty run is subtracted"]
+        remarks = ["the reading of an empty run is subtracted"]
         largest = {
             side: float(np.max(np.abs([bench.tares[side].at(s).torque_nm for s in speeds])))
             for side, speeds in running.speed_rpm.items()
             if side in corrected
         }
-        return found + [
+        return remarks + [
             Message(
                 "the empty run differs from the correction of the {side} measuring chain "
                 "by up to {value:.2g} N·m",
@@ -225,23 +225,23 @@ def torque_uncertainty(
 def _without_chain(bench: Bench, side: Side, zero_nm: float, *, tared: bool) -> TorqueUncertainty:
     """Return the published error limit of an uncompensated chain, and those of rotation."""
     module = bench.description.module(side)
-    known = TorqueUncertainty(
+    uncertainty = TorqueUncertainty(
         zero_nm=zero_nm,
         model_nm=uncompensated_uncertainty_nm(bench, side),
         repeatability_nm=REPEATABILITY_SHARE * module.range_nm,
     )
     if tared:
-        return known
+        return uncertainty
     turning = Readings(np.zeros(1), speed_rpm=_RPM)
     components = [
-        each
+        component
         for effect in chain_effects(bench.description, side)
         if isinstance(effect, Rotation)
-        for each in effect.components(turning, turning.reading_nm)
+        for component in effect.components(turning, turning.reading_nm)
     ]
     parts = TorqueParts.of(Torque(turning.reading_nm, tuple(components)))
     return replace(
-        known,
+        uncertainty,
         speed_nm_per_rpm=float(parts.shift_nm[0]) / _RPM,
         mounting_nm=float(parts.mounting_nm[0]),
     )

@@ -94,14 +94,14 @@ class Dynamics(Effect):
     def check_rate(self, time_s: FloatArray | None) -> None:
         """Refuse rows that aren't at the filter's rate."""
         if time_s is None or time_s.size < 2:
-            found = "readings at uneven times"
+            message = "readings at uneven times"
         else:
             step = float(np.median(np.diff(time_s)))
             if abs(step - self.interval_s) <= _UNEVEN * self.interval_s:
                 return
-            found = Message("readings every {step:.6g} s", step)
+            message = Message("readings every {step:.6g} s", step)
         raise InputError(
-            Message("{found}, dynamics identified at {interval_s:.6g} s", found, self.interval_s),
+            Message("{found}, dynamics identified at {interval_s:.6g} s", message, self.interval_s),
             "a column time_s at that rate",
             "identify the dynamics at the rate of the readings",
         )
@@ -240,10 +240,10 @@ class _FollowedDynamics(_AppliedDynamics):
     ) -> None:
         """Write the filter's correction for readings without a gap between them."""
         faulty = ~np.isfinite(reading_nm)
-        found = self.memory.filtering.push(reading_nm, np.where(faulty, 0.0, counter_nm))
-        added[:] = found.value - reading_nm
-        curve[:] = found.of_coefficients
-        noise[:] = np.sqrt(np.maximum(found.of_noise**2 - counter_nm**2, 0.0))
+        filtered = self.memory.filtering.push(reading_nm, np.where(faulty, 0.0, counter_nm))
+        added[:] = filtered.value - reading_nm
+        curve[:] = filtered.of_coefficients
+        noise[:] = np.sqrt(np.maximum(filtered.of_noise**2 - counter_nm**2, 0.0))
         # the readings before the first one are unknown, so that the filter's output is uncertain
         if self.memory.settling >= len(self.effect.weights) - 1 and not faulty.any():
             self.memory.settling += reading_nm.size
@@ -340,13 +340,13 @@ class RecordedDynamics(_AppliedDynamics):
         """Return correction and uncertainties of rows without a gap; the filter looks ahead."""
         late, count = self.effect.rows_late, rows.shape[1]
         reading, spread = np.pad(rows, ((0, 0), (0, late)), mode="edge")
-        found = self.effect.filter().stream().push(reading, spread)
-        added = found.value[late:] - rows[0]
-        noise = np.sqrt(np.maximum(found.of_noise[late:] ** 2 - rows[1] ** 2, 0.0))
+        filtered = self.effect.filter().stream().push(reading, spread)
+        added = filtered.value[late:] - rows[0]
+        noise = np.sqrt(np.maximum(filtered.of_noise[late:] ** 2 - rows[1] ** 2, 0.0))
         row = np.arange(count)
         unknown = (row + late < len(self.effect.weights) - 1) | (row + late >= count)
         lacking = np.where(unknown, added / _SQUARE_ROOT_3, 0.0)
-        return np.array([added, np.hypot(found.of_coefficients[late:], lacking), noise])
+        return np.array([added, np.hypot(filtered.of_coefficients[late:], lacking), noise])
 
 
 def _rows(readings: Readings) -> FloatArray:

@@ -165,9 +165,9 @@ class MeasuredRotation(Effect):
                 for celsius in (self.calibrated_c, *between(nodes, self.low_c, self.high_c))
             ]
         )
-        found, spread = around[0], np.max(np.abs(around - around[0]), axis=0) / np.sqrt(3.0)
-        found[1], found[3] = np.hypot(found[1], spread[0]), np.hypot(found[3], spread[2])
-        return np.asarray(found)
+        tables, spread = around[0], np.max(np.abs(around - around[0]), axis=0) / np.sqrt(3.0)
+        tables[1], tables[3] = np.hypot(tables[1], spread[0]), np.hypot(tables[3], spread[2])
+        return np.asarray(tables)
 
     @cached_property
     def _nodes(self) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -81,8 +81,8 @@ class MeasuredTemperature(Effect):
     @cached_property
     def _curves(self) -> FloatArray:
         nothing = np.zeros(len(self.at_c))
-        found = (self.zero_nm, self.zero_uncertainty_nm, self.span, self.span_uncertainty)
-        return np.array([each or nothing for each in found])
+        curves = (self.zero_nm, self.zero_uncertainty_nm, self.span, self.span_uncertainty)
+        return np.array([each or nothing for each in curves])
 
     @cached_property
     def _curves_and_slopes(self) -> FloatArray:

@@ -91,15 +91,17 @@ class Ripple(Effect):
         turning = np.where(np.isnan(speed), self.largest_rpm, speed)
         window_s = self.window_s if readings.window_s is None else readings.window_s
         cosine, sine = self._waves(turning, window_s)
-        known = ~np.isnan(angle) & ~np.isnan(speed)
-        if known.all():
+        measured = ~np.isnan(angle) & ~np.isnan(speed)
+        if measured.all():
             u = np.interp(np.abs(turning), self.speeds_rpm, self.uncertainty_nm)
             added = -self._sum(cosine, sine, angle)
         else:
             own = np.interp(np.abs(turning), self.speeds_rpm, self.uncertainty_nm)
             size = np.sqrt(0.5 * np.sum(cosine**2 + sine**2, axis=0) + own**2)
-            u = np.where(known, own, size)
-            added = np.where(known, -self._sum(cosine, sine, np.where(known, angle, 0.0)), 0.0)
+            u = np.where(measured, own, size)
+            added = np.where(
+                measured, -self._sum(cosine, sine, np.where(measured, angle, 0.0)), 0.0
+            )
         place = self._turns(readings, speed, angle)[:, None] / _ALIKE_TURNS
         return (Component("ripple by angle", Shared.LOADING, u, added, place),)
 
@@ -107,8 +109,8 @@ class Ripple(Effect):
         """Return cosine and sine amplitudes of the orders at speeds, as a window averages them."""
         orders, cosine, sine = self._coefficients
         terms = speed_terms(speed_rpm, self.largest_rpm)
-        whole = np.isinf(window_s)
-        attenuation = 0.0 if whole else np.sinc(orders * speed_rpm / MINUTE * window_s)
+        endless = np.isinf(window_s)
+        attenuation = 0.0 if endless else np.sinc(orders * speed_rpm / MINUTE * window_s)
         return attenuation * (cosine @ terms), attenuation * (sine @ terms)
 
     def _sum(self, cosine: FloatArray, sine: FloatArray, angle_rad: FloatArray) -> FloatArray:

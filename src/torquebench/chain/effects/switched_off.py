@@ -42,10 +42,10 @@ class SwitchedOff(Effect):
     @classmethod
     def of(cls, record: str, *switches: str) -> Self:
         """Return the effect for names of `SWITCHES`; raises `InputError` for other names."""
-        for each in switches:
-            if each not in SWITCHES:
-                raise InputError(Message("nothing called {each!r}", each), ", ".join(SWITCHES))
-        return cls(record, tuple(name for each in switches for name in SWITCHES[each]))
+        for switch in switches:
+            if switch not in SWITCHES:
+                raise InputError(Message("nothing called {each!r}", switch), ", ".join(SWITCHES))
+        return cls(record, tuple(name for switch in switches for name in SWITCHES[switch]))
 
     def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return no components: `MeasuringChain` omits the correction of the named ones."""

@@ -79,9 +79,9 @@ class Temperature(Effect):
         change = np.subtract(
             np.nan if now is None else now, np.nan if before is None else before, dtype=np.float64
         )
-        known, error = np.square(change), self.deviation_k**2 / 3.0
-        shape = by_row(known > error, Distribution.RECTANGULAR, Distribution.PRODUCT)
-        return np.sqrt(np.where(np.isnan(change), unknown_k**2 / 3.0, known + error)), shape
+        squared, error = np.square(change), self.deviation_k**2 / 3.0
+        shape = by_row(squared > error, Distribution.RECTANGULAR, Distribution.PRODUCT)
+        return np.sqrt(np.where(np.isnan(change), unknown_k**2 / 3.0, squared + error)), shape
 
 
 def _limit(name: str, shared: Shared, limit_nm: FloatArray, shape: Shapes) -> Component:

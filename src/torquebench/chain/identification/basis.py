@@ -222,12 +222,12 @@ def _random_walks(lengths_s: FloatArray) -> Columns:
 
     def columns(c: Circumstances) -> FloatArray:
         """Return sine waves over each run's length, which are zero in the other runs."""
-        found = np.zeros((len(c), lengths_s.size, _WAVES))
+        waves_of_runs = np.zeros((len(c), lengths_s.size, _WAVES))
         for run, (length_s, size) in enumerate(zip(lengths_s, sizes, strict=True)):
             rows = c.run == run + 1
             phase = c.since[rows, None] / max(length_s, 1e-9) * waves
-            found[rows, run] = size * np.sin(phase) / waves
-        return found.reshape(len(c), -1)
+            waves_of_runs[rows, run] = size * np.sin(phase) / waves
+        return waves_of_runs.reshape(len(c), -1)
 
     return columns
 

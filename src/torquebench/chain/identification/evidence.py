@@ -107,8 +107,8 @@ class Posterior:
 
         plain = variance(self.covariance)
         total = plain + np.sum((columns @ self.shifts[:, members].T) ** 2, axis=1)
-        for each in self.spreads:
-            total += np.maximum(variance(each) - plain, 0.0)
+        for spread in self.spreads:
+            total += np.maximum(variance(spread) - plain, 0.0)
         return columns @ self.mean[members], np.sqrt(np.maximum(total, 0.0))
 
 

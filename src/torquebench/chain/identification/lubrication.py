@@ -83,7 +83,7 @@ def identify_lubrication(
         rows = cell == each
         if np.sum(rows) >= _FEWEST_IN_BIN:
             means.append((each, np.mean(drag[rows]), np.mean(corrected[rows])))
-    ahead = sum(each[0] > 0.0 for each in means)
+    ahead = sum(mean[0] > 0.0 for mean in means)
     back = len(means) - ahead
     if min(ahead, back) < _FEWEST_SPEEDS:
         raise InputError(
@@ -97,15 +97,15 @@ def identify_lubrication(
             Message("{fewest_speeds} at least in both", _FEWEST_SPEEDS),
             _REMEDY,
         )
-    _, known, found = np.array(means).T
-    centred = known - np.mean(known)
+    _, expected, measured = np.array(means).T
+    centred = expected - np.mean(expected)
     power = float(centred @ centred)
-    slope = float(centred @ found) / max(power, 1e-300)
-    free = known.size - 2
-    spread = found - np.mean(found) - slope * centred
+    slope = float(centred @ measured) / max(power, 1e-300)
+    free = expected.size - 2
+    spread = measured - np.mean(measured) - slope * centred
     noise = float(spread @ spread) / free
     factor = rotation.lubrication * (1.0 + slope)
-    left_over = float(np.sum(np.square(spread / known))) / free
+    left_over = float(np.sum(np.square(spread / expected))) / free
     # of the slope, and of the deviations from one common factor at single speeds
     relative = np.sqrt(noise / max(power, 1e-300) + left_over)
     u = float(rotation.lubrication * student_widening(free) * relative)

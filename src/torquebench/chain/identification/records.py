@@ -219,8 +219,8 @@ def stretches(speed_rpm: FloatArray | None, temperature_c: FloatArray | None) ->
     >>> stretches(np.array([0.0, 0.0, 300.0, 301.0]), None)
     array([1, 1, 2, 2])
     """
-    known = [each for each in (speed_rpm, temperature_c) if each is not None]
-    changed = np.zeros(known[0].size - 1 if known else 0, dtype=bool)
+    measured = [each for each in (speed_rpm, temperature_c) if each is not None]
+    changed = np.zeros(measured[0].size - 1 if measured else 0, dtype=bool)
     if speed_rpm is not None:
         changed |= np.abs(np.diff(speed_rpm)) > np.maximum(0.05 * np.abs(speed_rpm[1:]), 1.0)
     if temperature_c is not None:

@@ -66,16 +66,16 @@ def identify_ripple(runs: Sequence[EmptyRun]) -> Ripple | None:
     runs : sequence of EmptyRun
         Empty runs; those without an angle are ignored.
     """
-    known = [run for run in runs if run.angle_rad is not None and len(run) >= _FEWEST_ROWS]
-    if not known:
+    usable = [run for run in runs if run.angle_rad is not None and len(run) >= _FEWEST_ROWS]
+    if not usable:
         return None
-    largest = max(float(np.max(np.abs(run.speed_rpm))) for run in known)
+    largest = max(float(np.max(np.abs(run.speed_rpm))) for run in usable)
     if largest < 1.0:
         return None
-    window_s = float(np.median(np.concatenate([np.diff(run.time_s) for run in known])))
+    window_s = float(np.median(np.concatenate([np.diff(run.time_s) for run in usable])))
     rows = [
         _Rows.of(run, run.angle_rad, largest, window_s)
-        for run in known
+        for run in usable
         if run.angle_rad is not None
     ]
     orders = _standing_out(rows)
@@ -94,7 +94,7 @@ def identify_ripple(runs: Sequence[EmptyRun]) -> Ripple | None:
     u = np.sqrt(0.5 * np.maximum(own, np.mean(between, axis=0) if between else 0.0))
     table = weights.reshape(len(orders), 2, _TERMS)
     return Ripple(
-        "empty runs " + ", ".join(run.source for run in known),
+        "empty runs " + ", ".join(run.source for run in usable),
         largest,
         window_s,
         numbers(orders),
@@ -107,42 +107,42 @@ def identify_ripple(runs: Sequence[EmptyRun]) -> Ripple | None:
 
 def without_ripple(ripple: Ripple | None, runs: Sequence[EmptyRun]) -> list[EmptyRun]:
     """Return runs with the ripple subtracted, where their angle is known."""
-    found = []
+    corrected = []
     for run in runs:
         if ripple is None or run.angle_rad is None:
-            found.append(run)
+            corrected.append(run)
             continue
         readings = Readings(run.reading_nm, speed_rpm=run.speed_rpm, angle_rad=run.angle_rad)
         (part,) = ripple.components(readings, run.reading_nm)
-        found.append(replace(run, reading_nm=run.reading_nm + part.value_nm))
-    return found
+        corrected.append(replace(run, reading_nm=run.reading_nm + part.value_nm))
+    return corrected
 
 
 def _members(orders: Sequence[int]) -> FloatArray:
     """Return the columns that belong to some orders, among the columns of all `ORDERS`."""
     width = 2 * _TERMS
-    return np.concatenate([np.arange(width) + width * ORDERS.index(each) for each in orders])
+    return np.concatenate([np.arange(width) + width * ORDERS.index(order) for order in orders])
 
 
 def _standing_out(rows: Sequence[_Rows]) -> list[int]:
     """Return the orders whose columns lower the sum of squares by more than chance does."""
-    found = list(ORDERS)
+    orders = list(ORDERS)
     variance = _residual_variance(rows)
     for order in ORDERS:
-        without = [each for each in found if each != order]
-        part = [each.chosen(_members(without)) for each in rows] if without else None
-        before = [each.chosen(_members(found)) for each in rows]
-        squares = _squares(part) if part else sum(float(each.target @ each.target) for each in rows)
+        without = [each for each in orders if each != order]
+        part = [row.chosen(_members(without)) for row in rows] if without else None
+        before = [row.chosen(_members(orders)) for row in rows]
+        squares = _squares(part) if part else sum(float(row.target @ row.target) for row in rows)
         if (squares - _squares(before)) / variance < _LEAST_GAIN:
-            found = without
-    return found
+            orders = without
+    return orders
 
 
 def _normal(rows: Sequence[_Rows]) -> tuple[FloatArray, FloatArray]:
     """Return matrix and right side of the normal equations of a least-squares fit."""
-    matrix = sum((each.columns.T @ each.columns for each in rows[1:]),
+    matrix = sum((row.columns.T @ row.columns for row in rows[1:]),
                  rows[0].columns.T @ rows[0].columns)  # fmt: skip
-    vector = sum((each.columns.T @ each.target for each in rows[1:]),
+    vector = sum((row.columns.T @ row.target for row in rows[1:]),
                  rows[0].columns.T @ rows[0].target)  # fmt: skip
     return matrix, vector
 
@@ -156,12 +156,12 @@ def _weights(rows: Sequence[_Rows]) -> FloatArray:
 def _squares(rows: Sequence[_Rows]) -> float:
     """Return the sum of the squares that the best amplitudes leave of the readings."""
     weights = _weights(rows)
-    squares = [np.sum((each.target - each.columns @ weights) ** 2) for each in rows]
+    squares = [np.sum((row.target - row.columns @ weights) ** 2) for row in rows]
     return float(np.sum(squares))
 
 
 def _residual_variance(rows: Sequence[_Rows]) -> float:
-    size = sum(each.target.size for each in rows)
+    size = sum(row.target.size for row in rows)
     return float(max(_squares(rows) / max(size - rows[0].columns.shape[1], 1), 1e-300))
 
 
@@ -181,7 +181,7 @@ def _scale(rows: Sequence[_Rows], variance: float) -> float:
     matrix, vector = _normal(rows)
     size, axes = np.linalg.eigh(matrix)
     size, along = np.maximum(size, 0.0), (axes.T @ vector) ** 2
-    usual = np.sqrt(sum(float(each.target @ each.target) for each in rows) / vector.size)
+    usual = np.sqrt(sum(float(row.target @ row.target) for row in rows) / vector.size)
 
     def evidence(scale: float) -> float:
         spread = variance + scale**2 * size

@@ -177,9 +177,9 @@ class _Data:
                 "the temperature of every point, so that the runs can be related to it",
                 "add the column, or give empty runs at the calibration's temperature only",
             )
-        known = np.concatenate([*warmth, *([] if warm is None else [warm])] or [np.zeros(1)])
+        temperatures = np.concatenate([*warmth, *([] if warm is None else [warm])] or [np.zeros(1)])
         if warm is None:
-            warm = np.full(calibration.reading_nm.size, float(np.mean(known)))
+            warm = np.full(calibration.reading_nm.size, float(np.mean(temperatures)))
         near = usual_points(calibration.speed_rpm, warm)
         calibrated_c = float(np.mean(warm[near]))
         speeds = np.concatenate([calibration.speed_rpm, *(run.speed_rpm for run in runs)])
@@ -197,7 +197,7 @@ class _Data:
             largest_rpm,
             largest_rad_s2,
             (float(np.min(speeds)), float(np.max(speeds))),
-            (float(np.min(known)), float(np.max(known))),
+            (float(np.min(temperatures)), float(np.max(temperatures))),
             frozenset(),
             Circumstances.of(
                 share.size,
@@ -241,12 +241,12 @@ class _Data:
         self, warm: FloatArray, calibration: TurningCalibration, runs: Sequence[EmptyRun]
     ) -> frozenset[str]:
         """Return the names of the functions that the measured conditions suffice to identify."""
-        found = set()
+        groups = set()
         if self.limits_c[1] - self.limits_c[0] >= LEAST_KELVIN:
-            found.add("zero")
+            groups.add("zero")
         loaded = np.abs(calibration.standard_nm) > _LEAST_LOAD * self.range_nm
         if loaded.any() and np.ptp(warm[loaded]) >= LEAST_KELVIN:
-            found.add("span")
+            groups.add("span")
         driven = [run.speed_rpm for run in runs] or [calibration.speed_rpm]
         turning = np.concatenate([direction(each) for each in driven])
         speeds = [each[direction(each) != 0] for each in driven]
@@ -254,15 +254,15 @@ class _Data:
             np.round(20.0 * np.concatenate([*speeds, np.zeros(0)]) / self.largest_rpm)
         )
         if shares.size >= _LEAST_SPEEDS:
-            found.add("odd")
+            groups.add("odd")
             if {-1.0, 1.0} <= set(turning.tolist()):
-                found.add("even")
+                groups.add("even")
             turned = loaded & (direction(calibration.speed_rpm) != 0)
             if turned.any():
-                found |= {"load", "speed span"} if "even" in found else {"load"}
+                groups |= {"load", "speed span"} if "even" in groups else {"load"}
         if runs and self.largest_rad_s2 >= _LEAST_RAD_S2:
-            found.add("inertia")
-        return frozenset(found)
+            groups.add("inertia")
+        return frozenset(groups)
 
     def gaps(self) -> list[str]:
         """Return the effects that weren't identified, and the runs that would identify them."""
@@ -418,9 +418,9 @@ def _averaged(
     for start in range(0, count, _MOST_ROWS // together):
         chunk = slice(start * together, min(start + _MOST_ROWS // together, count) * together)
         parts.append(means(_columns(used, rows.at(chunk))))
-    whole = slice(0, count * together)
-    mean = {name: means(getattr(rows, name)[whole]) for name in rows.__dataclass_fields__}
-    return np.concatenate(parts), means(target[whole]), Circumstances(**mean)
+    complete = slice(0, count * together)
+    mean = {name: means(getattr(rows, name)[complete]) for name in rows.__dataclass_fields__}
+    return np.concatenate(parts), means(target[complete]), Circumstances(**mean)
 
 
 def _at_rest(rows: Circumstances) -> Circumstances:
@@ -458,8 +458,8 @@ def _cleaned(runs: list[_Run], fit: Posterior) -> tuple[list[_Run], float]:
         return runs, 1.0
     residuals = [target - columns @ fit.mean for columns, target, _ in runs]
     noise = 1.4826 * float(np.median(np.abs(np.concatenate(residuals))))
-    slowness = float(np.mean([_autocorrelation_time(each) for each in residuals]))
-    kept = [np.flatnonzero(np.abs(each) <= _OUTLIER * noise) for each in residuals]
+    slowness = float(np.mean([_autocorrelation_time(residual) for residual in residuals]))
+    kept = [np.flatnonzero(np.abs(residual) <= _OUTLIER * noise) for residual in residuals]
     cleaned = [
         (
             columns[rows],
@@ -520,9 +520,9 @@ def _running_in(
         columns = running_in_columns(candidate)
         more = np.concatenate([columns(rows) for _, _, rows in runs])
         wider = total.widened(together, more, target).thinned(slowness)
-        found = gain([wider, beside], [*sizes, 3], prior, fit, np.log(0.3))
-        if found > best:
-            best, time_s = found, float(candidate)
+        gained = gain([wider, beside], [*sizes, 3], prior, fit, np.log(0.3))
+        if gained > best:
+            best, time_s = gained, float(candidate)
     return time_s
 
 
@@ -558,7 +558,7 @@ def _remanence(calibration: TurningCalibration, corrected_nm: FloatArray) -> flo
     for number in np.unique(stretch[after]):
         here = stretch[after] == number
         sides = [error_nm[here & (sign * before > 0.0)] for sign in (1.0, -1.0)]
-        if all(each.size for each in sides):
+        if all(side.size for side in sides):
             differences.append(np.mean(sides[0]) - np.mean(sides[1]))
     return 0.5 * float(np.sqrt(np.mean(np.square(differences)))) if differences else 0.0
 

@@ -132,8 +132,8 @@ def average(problem: Problem, weights: FloatArray) -> tuple[list[Member], FloatA
     chances |= dict.fromkeys(ALIKE, _ALIKE_CHANCE / len(ALIKE))
     chances = {key.limited_to(problem.parts): value for key, value in chances.items()}
     steady = {key: value * (1.0 - _DRIFT_CHANCE * drifts) for key, value in chances.items()}
-    whole = _WHOLE.limited_to(problem.parts)
-    parent = search.add(whole, steady.pop(whole))
+    unrestricted = _WHOLE.limited_to(problem.parts)
+    parent = search.add(unrestricted, steady.pop(unrestricted))
     for structure, chance in steady.items():
         search.add(structure, chance, parent)
     if drifts:
@@ -149,8 +149,8 @@ def average(problem: Problem, weights: FloatArray) -> tuple[list[Member], FloatA
     scores = np.array([search.score(member) for member in members])
     shares = np.exp(scores - scores.max())
     shares /= shares.sum()
-    kept = [k for k in np.argsort(-shares) if shares[k] > _KEPT_SHARE]
-    return [members[k] for k in kept], np.asarray(shares[kept] / shares[kept].sum())
+    chosen = [k for k in np.argsort(-shares) if shares[k] > _KEPT_SHARE]
+    return [members[k] for k in chosen], np.asarray(shares[chosen] / shares[chosen].sum())
 
 
 def _add_tails(search: _Average) -> None:

@@ -181,9 +181,9 @@ def _pairs(
     scatter: FloatArray, rows: NDArray[np.intp], position: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return distances and products of scatter for all pairs of points with known scatter."""
-    known = np.isfinite(scatter[rows])
-    first, second = np.triu_indices(int(np.count_nonzero(known)), k=1)
-    values, places = scatter[rows][known], position[known]
+    finite = np.isfinite(scatter[rows])
+    first, second = np.triu_indices(int(np.count_nonzero(finite)), k=1)
+    values, places = scatter[rows][finite], position[finite]
     return np.abs(places[first] - places[second]), values[first] * values[second]
 
 

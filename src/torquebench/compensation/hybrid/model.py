@@ -127,8 +127,8 @@ class HybridModel(CompensationModel):
     def _averaged(self, X: FloatArray, y: FloatArray, weights: FloatArray) -> Average:
         """Average the structures of the chain, in fractions of `scale_nm_`."""
         largest = float(np.max(np.abs(X[:, 0])))
-        whole = largest >= WHOLE_SHARE * self.full_scale_nm_
-        self.scale_nm_ = self.full_scale_nm_ if whole else largest
+        complete = largest >= WHOLE_SHARE * self.full_scale_nm_
+        self.scale_nm_ = self.full_scale_nm_ if complete else largest
         u, branch = X[:, 0] / self.scale_nm_, feature_column(X, "branch")
         series, target = feature_column(X, "series"), (y - X[:, 0]) / self.scale_nm_
         unit, trend_scale = _scales(u, target, weights)

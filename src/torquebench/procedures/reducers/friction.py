@@ -211,7 +211,7 @@ def _point(
 def _result(points: list[FrictionPoint], rows: list[Mapping[str, Any]]) -> FrictionSweep:
     """Return the sweep's columns, compensated if all rows are."""
     compensated = all("torque_nm" in row for row in rows)
-    known = all("true_torque_nm" in row for row in rows)
+    simulated = all("true_torque_nm" in row for row in rows)
 
     def column(name: str) -> NDArray[np.float64]:
         return np.array([row[name] for row in rows], dtype=np.float64)
@@ -221,7 +221,7 @@ def _result(points: list[FrictionPoint], rows: list[Mapping[str, Any]]) -> Frict
         nominal_rpm=np.array([point.speed_rpm for point in points]),
         torque_nm=column("torque_nm" if compensated else "reading_nm"),
         standard_error_nm=column("reading_standard_error_nm"),
-        true_torque_nm=column("true_torque_nm") if known else None,
+        true_torque_nm=column("true_torque_nm") if simulated else None,
         repeat=np.array([point.repeat for point in points], dtype=np.int64),
         branch=np.array([point.branch for point in points], dtype=np.int8),
         temperature_c=column("temperature_c"),

@@ -65,7 +65,7 @@ def even_positions(count: int) -> tuple[float, ...]:
     >>> even_positions(5)
     (0.0, 72.0, 144.0, 216.0, 288.0)
     """
-    return tuple(DEG_PER_TURN * place / count for place in range(count))
+    return tuple(DEG_PER_TURN * number / count for number in range(count))
 
 
 @dataclass(frozen=True)
@@ -390,7 +390,7 @@ def bench_twist(
     `loops_nm` is the largest torque of those loops at each side, used if the settings have none.
     """
     settings = settings or BenchTwistSettings()
-    found: dict[Side, SynchronousRecording] = {}
+    recordings: dict[Side, SynchronousRecording] = {}
     points = len(sides) * settings.cycles
     metadata = start_metadata(devices, "bench_twist", points, settings=asdict(settings))
 
@@ -415,7 +415,7 @@ def bench_twist(
             yield from _take(devices, parts)
         yield from sleep(REST_S)
         yield from power_off(devices)
-        found[side] = SynchronousRecording.joined(parts)
+        recordings[side] = SynchronousRecording.joined(parts)
 
     def measured() -> Plan[None]:
         for number, side in enumerate(sides):
@@ -425,8 +425,8 @@ def bench_twist(
 
     setup = Setup("calibration", sides[0], "calibrator", "locked")
     serial = yield from measured_in(setup, devices, measured(), metadata)
-    if set(found) != set(sides):
+    if set(recordings) != set(sides):
         raise BenchError(
             "a bench twist without recordings", Message("both of {sides}", ", ".join(sides))
         )
-    return BenchTwistRecording(found, serial)
+    return BenchTwistRecording(recordings, serial)

@@ -240,12 +240,12 @@ def _more_sweeps(settings: NoLoadSettings, done: int, table: RunningTable) -> bo
         return False
     if done >= settings.most_repeats or not table.compensated():
         return False
-    found = table.recording()
+    recording = table.recording()
     smallest, error = errors_of_means(
-        found.torque_nm["input"] * found.direction,
-        np.abs(found.nominal_rpm),
-        found.direction,
-        found.repeat,
+        recording.torque_nm["input"] * recording.direction,
+        np.abs(recording.nominal_rpm),
+        recording.direction,
+        recording.repeat,
     )
     return 2.0 * error > 0.01 * target * smallest
 

@@ -102,11 +102,11 @@ class RunningTable:
     def zero(self, duration_s: float) -> Plan[None]:
         """Zero all sides in use; afterwards the last of them is driven, with the drive on."""
         for side in self.sides[:-1]:
-            found = yield from measure_zero(self.devices, side, duration_s=duration_s)
-            self._zero(side, found.signal)
+            measured = yield from measure_zero(self.devices, side, duration_s=duration_s)
+            self._zero(side, measured.signal)
         side = self.sides[-1]
-        found = yield from zero(self.devices, side, duration_s=duration_s)
-        self._zero(side, found.signal)
+        measured = yield from zero(self.devices, side, duration_s=duration_s)
+        self._zero(side, measured.signal)
         for other in self.sides[:-1]:
             yield from set_mode(self.devices, other, "driven")
             yield from power_on(self.devices, other)
@@ -168,8 +168,8 @@ class RunningTable:
             value = self._column(side, "reading_nm") if found is None else found.value_nm
             torque[side] = value - self._drift(side)[0]
         return RunningRecording(
-            nominal_rpm=np.array([each.speed_rpm for each in self.points]),
-            nominal_nm=np.array([each.torque_nm for each in self.points]),
+            nominal_rpm=np.array([point.speed_rpm for point in self.points]),
+            nominal_nm=np.array([point.torque_nm for point in self.points]),
             speed_rpm={side: self._column(side, "speed_rpm") for side in self.sides},
             torque_nm=torque,
             standard_error_nm={
@@ -180,9 +180,9 @@ class RunningTable:
             true_torque_nm={side: self._column(side, "true_torque_nm") for side in self.sides}
             if truth_known
             else None,
-            direction=np.array([int(np.sign(each.speed_rpm)) for each in self.points], np.int64),
-            branch=np.array([each.branch for each in self.points], dtype=np.int64),
-            repeat=np.array([each.repeat for each in self.points], dtype=np.int64),
+            direction=np.array([int(np.sign(point.speed_rpm)) for point in self.points], np.int64),
+            branch=np.array([point.branch for point in self.points], dtype=np.int64),
+            repeat=np.array([point.repeat for point in self.points], dtype=np.int64),
             series=self._interval("input"),
             temperature_c=np.array(self.temperatures),
             time_s=self._column("input", "time_s"),

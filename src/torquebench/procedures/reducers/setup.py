@@ -399,13 +399,13 @@ def check_followed(
             Message("within {percent:g} % of the speed", 100 * SPEED_TOLERANCE),
             "lower the speed or the load, or check the drive",
         )
-    found = float(row["reading_nm"])
-    if torque_nm != 0.0 and abs(found - torque_nm) > 0.1 * abs(torque_nm) + slack_nm:
+    measured_nm = float(row["reading_nm"])
+    if torque_nm != 0.0 and abs(measured_nm - torque_nm) > 0.1 * abs(torque_nm) + slack_nm:
         raise SignalFault(
             Message(
                 "the {side} drive saturates: {found:.5g} N·m instead of {asked:g} N·m",
                 side,
-                found,
+                measured_nm,
                 torque_nm,
             ),
             Message("within 10 % of the torque and {slack_nm:g} N·m", slack_nm),

@@ -141,7 +141,7 @@ def transmission_error(
     limits.check_input_speed(input_rpm)
     signs = directions(settings)
     chunks = _chunks(settings)
-    found: list[AngleRecording] = []
+    recordings: list[AngleRecording] = []
     temperature: list[float] = []
     metadata = run_metadata(
         devices,
@@ -159,7 +159,7 @@ def transmission_error(
         for number, sign in enumerate(signs):
             steps = number * chunks, len(signs) * chunks
             recorded = partial(_revolution, devices, limits, settings, sign, steps)
-            found.append((yield from again_after_pause(recorded)))
+            recordings.append((yield from again_after_pause(recorded)))
             temperature.append((yield from temperature_c(devices)))
         yield from progress(len(signs) * chunks, len(signs) * chunks, "done")
 
@@ -168,7 +168,7 @@ def transmission_error(
     description = devices.context.description
     certificates = encoder_certificates(description, devices.context.drivers.encoder_certificates)
     return TransmissionRecording(
-        directions=tuple(_corrected(each, certificates) for each in found),
+        directions=tuple(_corrected(each, certificates) for each in recordings),
         output_rpm=settings.output_rpm,
         revolutions=settings.revolutions,
         temperature_c=float(np.mean(temperature)),
@@ -186,12 +186,12 @@ def _corrected(
     recording: AngleRecording, certificates: Mapping[Side, EncoderCertificate]
 ) -> AngleRecording:
     """Correct the angles by the encoders' certificates."""
-    given, taken = recording.input_angle_rad, recording.output_angle_rad
+    input_rad, output_rad = recording.input_angle_rad, recording.output_angle_rad
     if "input" in certificates:
-        given = certificates["input"].correct(given)
+        input_rad = certificates["input"].correct(input_rad)
     if "output" in certificates:
-        taken = certificates["output"].correct(taken)
-    return replace(recording, input_angle_rad=given, output_angle_rad=taken)
+        output_rad = certificates["output"].correct(output_rad)
+    return replace(recording, input_angle_rad=input_rad, output_angle_rad=output_rad)
 
 
 def _chunks(settings: TransmissionSettings) -> int:

@@ -145,8 +145,8 @@ def run_metadata(
 ) -> dict[str, Any]:
     """Return the start document's entries of a run with a rotating module."""
     settings = profile.model_dump(mode="json")
-    known = {"name": profile.name, "sha256": profile.sha256, "settings": settings}
-    return start_metadata(devices, plan_name, points, side, profile=known)
+    metadata = {"name": profile.name, "sha256": profile.sha256, "settings": settings}
+    return start_metadata(devices, plan_name, points, side, profile=metadata)
 
 
 def turn_empty(
@@ -272,9 +272,9 @@ class _Runner:
         """Measure the zero that is subtracted from all readings, once; the drive stays on."""
         module = self.devices.module(self.side)
         if np.isnan(self.table.zero):
-            found = yield from zero(self.devices, self.side, duration_s=self.profile.zero_s)
-            self.table.zero = found.signal
-            self.table.zero_uncertainty_nm = found.standard_uncertainty_nm
+            measured = yield from zero(self.devices, self.side, duration_s=self.profile.zero_s)
+            self.table.zero = measured.signal
+            self.table.zero_uncertainty_nm = measured.standard_uncertainty_nm
             return
         taken = MeasuredZero(self.table.zero, self.table.zero_uncertainty_nm)
         yield from move(module.transducer.zero, taken)
@@ -308,16 +308,16 @@ class _Runner:
     def drive(self, series: int, place: int, leg: Leg) -> Plan[None]:
         """Drive one leg, and repeat it after a pause."""
         yield from progress(self._done(series, place), self.total, leg.what)
-        kept = yield from again_after_pause(
+        pieces = yield from again_after_pause(
             partial(self._leg, series, place, leg), self._turn_again
         )
-        for stretch in kept:
+        for stretch in pieces:
             self.table.add(*stretch)
         self.speed_rpm = leg.speed_rpm
 
     def _leg(self, series: int, place: int, leg: Leg) -> Plan[list[tuple[Record, float, float]]]:
         """Drive one leg; return its recorded pieces with the temperatures before and after each."""
-        kept: list[tuple[Record, float, float]] = []
+        pieces: list[tuple[Record, float, float]] = []
         yield from stamp(self.devices, series=series + 1, step=place, branch=1)
         yield from move(self.devices.recorder, "mark")
         before = yield from self._temperature()
@@ -331,12 +331,12 @@ class _Runner:
                 left_s -= LONGEST_PIECE_S
             after = yield from self._temperature()
             yield from take(self.devices.recorder, self.devices.point, stream="points")
-            found = self.devices.recorder.modules.get(self.side)
-            if found is not None:  # a rehearsal records nothing
-                kept.append((found, before, after))
+            recording = self.devices.recorder.modules.get(self.side)
+            if recording is not None:  # a rehearsal records nothing
+                pieces.append((recording, before, after))
             before = after
             if left_s <= 0.0:
-                return kept
+                return pieces
             yield from leg_checkpoint()
 
     def _done(self, series: int, place: int) -> int:

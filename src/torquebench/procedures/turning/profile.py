@@ -414,18 +414,20 @@ class TurningProfile(_Settings):
         """
         if self.random is not None:
             return self._random_points(self.random, side, range_nm)
-        top, found, series = self.top_rpm(side), list[TurningPoint](), 0
+        top, turning_points, series = self.top_rpm(side), list[TurningPoint](), 0
         up = [(share * range_nm, 1) for share in self.torque_shares]
         down = [(torque, -1) for torque, _ in reversed(up[:-1])]
         for _ in range(self.repeats):
             for sign in (1.0, -1.0):
                 for share in self.speed_shares:
                     speed, series = round(sign * share * top, 9), series + 1
-                    found.append(TurningPoint(speed, 0.0, 1, series))
+                    turning_points.append(TurningPoint(speed, 0.0, 1, series))
                     for load in (1.0, -1.0):
                         steps = [*up, *down, (0.0, -1)]
-                        found += [TurningPoint(speed, load * t, b, series) for t, b in steps]
-        return found
+                        turning_points += [
+                            TurningPoint(speed, load * t, b, series) for t, b in steps
+                        ]
+        return turning_points
 
     def _random_points(
         self, drawn: RandomPoints, side: Side, range_nm: float
@@ -433,7 +435,7 @@ class TurningProfile(_Settings):
         """Return the points of all series, drawn with the profile's seed."""
         top, largest = self.top_rpm(side), self.torque_shares[-1] * range_nm
         lowest, highest = self.speed_shares[0], self.speed_shares[-1]
-        found = list[TurningPoint]()
+        drawn_points = list[TurningPoint]()
         for series in range(1, self.series() + 1):
             generator = np.random.default_rng([drawn.seed, SIDES.index(side), series])
             for _ in range(drawn.speeds):
@@ -444,9 +446,9 @@ class TurningProfile(_Settings):
                     grows = load * before <= 0.0 or abs(load) > abs(before)
                     branch = 1 if load and grows else -1
                     torque = round(load, 6)
-                    found.append(TurningPoint(round(speed * top, 6), torque, branch, series))
+                    drawn_points.append(TurningPoint(round(speed * top, 6), torque, branch, series))
                     before = load
-        return found
+        return drawn_points
 
 
 def load_turning_profile(name: str | Path) -> TurningProfile:

@@ -170,14 +170,14 @@ class _Stepper:
     def load(self, series: int, done: int, leg: TorqueLeg) -> Plan[None]:
         """Drive one leg, and repeat it after a pause."""
         yield from progress(done, self.total, leg.what)
-        kept = yield from again_after_pause(partial(self._leg, series, done, leg))
-        for stretch in kept:
+        stretches = yield from again_after_pause(partial(self._leg, series, done, leg))
+        for stretch in stretches:
             self.table.add(*stretch)
 
     def _leg(self, series: int, done: int, leg: TorqueLeg) -> Plan[list[_Stretch]]:
         """Drive one leg of steps or sines after its preload; return the recorded stretches."""
         drive, recorder = self.devices.module(self.side).drive, self.devices.recorder
-        kept: list[_Stretch] = []
+        stretches: list[_Stretch] = []
         yield from power_on(self.devices, self.side)
         yield from stamp(self.devices, series=series + 1, step=done, branch=1)
         yield from move(drive.torque, leg.preload_nm)
@@ -188,12 +188,12 @@ class _Stepper:
             yield from move(drive.torque, RampTo(torque_nm, rate))
             if leg.hold_s:
                 yield from sleep(leg.hold_s)
-                yield from self._take(kept, leg)
+                yield from self._take(stretches, leg)
             yield from leg_checkpoint()
         if not leg.hold_s:
             yield from sleep(REST_S)
-            yield from self._take(kept, leg)
-        return kept
+            yield from self._take(stretches, leg)
+        return stretches
 
     def _take(self, kept: list[_Stretch], leg: TorqueLeg) -> Plan[None]:
         recorder = self.devices.recorder

@@ -80,7 +80,7 @@ class Recording:
         time = np.arange(self.torque.size, dtype=np.float64)
         if self.time is not None and np.all(np.diff(self.time[loops[0].rows[0] :]) >= 0.0):
             time = self.time
-        ends = [time[each.rows[[0, -1]]] for each in loops]
+        ends = [time[loop.rows[[0, -1]]] for loop in loops]
         span = float(ends[-1][1] - ends[0][0]) / len(loops)
         return np.asarray((time - ends[0][0]) / max(span, 1e-300))
 
@@ -147,13 +147,13 @@ def cut_loops(recording: Recording) -> Iterator[RawLoop]:
     torque = recording.torque
     for rows in recording.positions():
         label = float(recording.position[rows[0]])
-        found = None
+        pieces = None
         if recording.loop is not None:
-            found = _labelled(torque, rows, recording.loop[rows])
-        if found is None:
+            pieces = _labelled(torque, rows, recording.loop[rows])
+        if pieces is None:
             parts = _parts(torque[rows], rows)
-            found = _cut(torque, parts) or _single_cycle(torque, parts)
-        if not found:
+            pieces = _cut(torque, parts) or _single_cycle(torque, parts)
+        if not pieces:
             raise InputError(
                 Message(
                     "no whole loop at position {label:g}: the torque goes from {first_nm:.4g} "
@@ -165,7 +165,7 @@ def cut_loops(recording: Recording) -> Iterator[RawLoop]:
                 "at least one loop from one end of the torque to the other and back",
                 "record −T → 0 → +T → 0 → −T, three loops by preference",
             )
-        for number, (rising, falling) in enumerate(found, 1):
+        for number, (rising, falling) in enumerate(pieces, 1):
             yield RawLoop(label, number, rising, falling)
 
 
@@ -174,7 +174,7 @@ Pieces = tuple[Indices, ...]
 
 def _labelled(torque: Floats, rows: Indices, numbers: Floats) -> list[tuple[Pieces, Pieces]] | None:
     """Return rising and falling rows of each numbered loop; None if a loop is incomplete."""
-    found: list[tuple[Pieces, Pieces]] = []
+    pieces: list[tuple[Pieces, Pieces]] = []
     for number in dict.fromkeys(numbers.tolist()):
         loop_rows = rows[numbers == number]
         end = float(np.max(np.abs(torque[loop_rows])))
@@ -186,8 +186,8 @@ def _labelled(torque: Floats, rows: Indices, numbers: Floats) -> list[tuple[Piec
         falling = [part for sign, part in parts if sign < 0]
         if not rising or not falling:
             return None
-        found.append(((np.concatenate(rising),), (np.concatenate(falling),)))
-    return found
+        pieces.append(((np.concatenate(rising),), (np.concatenate(falling),)))
+    return pieces
 
 
 def _parts(torque: Floats, rows: Indices) -> list[tuple[int, Indices]]:
@@ -213,12 +213,12 @@ def _span(torque: Floats, part: Indices) -> float:
 def _cut(torque: Floats, parts: list[tuple[int, Indices]]) -> list[tuple[Pieces, Pieces]]:
     """Return rising and falling parts of each loop that spans nearly the whole torque."""
     widest = max(_span(torque, part) for _, part in parts)
-    whole = [(sign, part) for sign, part in parts if _span(torque, part) >= FULL_SPAN * widest]
-    found: list[tuple[Pieces, Pieces]] = []
-    for (sign, first), (other, second) in zip(whole[::2], whole[1::2], strict=False):
+    strokes = [(sign, part) for sign, part in parts if _span(torque, part) >= FULL_SPAN * widest]
+    pieces: list[tuple[Pieces, Pieces]] = []
+    for (sign, first), (other, second) in zip(strokes[::2], strokes[1::2], strict=False):
         if sign != other:
-            found.append(((first,), (second,)) if sign > 0 else ((second,), (first,)))
-    return found
+            pieces.append(((first,), (second,)) if sign > 0 else ((second,), (first,)))
+    return pieces
 
 
 def _single_cycle(torque: Floats, parts: list[tuple[int, Indices]]) -> list[tuple[Pieces, Pieces]]:
@@ -263,17 +263,17 @@ def _of_levels(
     """Reduce a stepped torque to knots: mean torque and mean settled angle of each level."""
     inside = sum(abs(float(angle[part][-1] - angle[part][0])) for part in levels)
     ramped = inside > 0.5 * float(np.ptp(angle))
-    kept = []
+    steps = []
     for part in levels:
         size = part.stop - part.start
-        kept.append(slice(part.start + (0 if ramped else int(SETTLED * size)), part.stop))
-    load, twist = (np.array([column[part].mean() for part in kept]) for column in (torque, angle))
-    scatter = np.concatenate([np.diff(angle[part]) for part in kept])
+        steps.append(slice(part.start + (0 if ramped else int(SETTLED * size)), part.stop))
+    load, twist = (np.array([column[part].mean() for part in steps]) for column in (torque, angle))
+    scatter = np.concatenate([np.diff(angle[part]) for part in steps])
     noise = float(np.sqrt(np.mean(scatter**2) / 2.0)) if scatter.size else 0.0
     if ramped:
         noise = noise_of(angle)
-    count = float(np.mean([part.stop - part.start for part in kept]))
-    twist = twist - np.array([subtracted[part].mean() for part in kept])
+    count = float(np.mean([part.stop - part.start for part in steps]))
+    twist = twist - np.array([subtracted[part].mean() for part in steps])
     return Branch(load, twist, noise / count**0.5, step / 12.0**0.5, sparse=True)
 
 
@@ -338,13 +338,13 @@ def steady_drift(recording: Recording, loop: RawLoop, gap_rad: float, noise_rad:
 
     The gap may be drift, or the first samples may not have been on the loop yet: U covers both.
     """
-    place = recording.place([loop])
+    position = recording.place([loop])
     if abs(gap_rad) <= 3.0 * noise_rad:
-        return Drift(0.0 * place, 0.0, 0.0, significant=False)
+        return Drift(0.0 * position, 0.0, 0.0, significant=False)
     half = 0.5 * gap_rad
     # The gap is all drift or none: the ends are likelier than the middle (arcsine distribution).
     share = float(np.hypot(2.0**-0.5, noise_rad / half))
-    return Drift(half * place, gap_rad, share, significant=True)
+    return Drift(half * position, gap_rad, share, significant=True)
 
 
 def drift_of(recording: Recording, loops: Sequence[RawLoop]) -> Drift:

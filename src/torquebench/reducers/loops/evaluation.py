@@ -139,7 +139,7 @@ def evaluate_hysteresis(
     samples = samples.screened(place, torque=samples["torque_nm"], angle=samples["angle_rad"])
     columns, torque = samples.columns, samples["torque_nm"]
     findings = [*samples.findings, *torque_saturation(torque, columns.get("demand"))]
-    known = uncertainty or LoopUncertainty()
+    stated = uncertainty or LoopUncertainty()
     angle, subtracted = samples["angle_rad"], bench_compliance_rad_per_nm * torque
     step = resolution_rad or count_step(samples["angle_rad"])
     if flange is not None:
@@ -150,8 +150,8 @@ def evaluate_hysteresis(
             flange,
             angle_uncertainty_rad=step / 12.0**0.5,
         )
-        branch = float(np.hypot(known.torque_branch_nm, np.sqrt(np.mean(added**2))))
-        known = replace(known, torque_branch_nm=branch)
+        branch = float(np.hypot(stated.torque_branch_nm, np.sqrt(np.mean(added**2))))
+        stated = replace(stated, torque_branch_nm=branch)
     where = samples.get("position", 0.0)
     times = columns.get("time_s")
     recording = Recording(torque, angle, where, subtracted, columns.get("loop"), times, step)
@@ -166,7 +166,7 @@ def evaluate_hysteresis(
         findings.append(found)
     loops = evaluated.loops
     findings += [*evaluated.findings, *loop_findings(loops, settings)]
-    quantity = _Quantities(evaluated, settings, known, left)
+    quantity = _Quantities(evaluated, settings, stated, left)
     stiffness, positive, negative = quantity.stiffnesses()
     return HysteresisResult(
         settings=settings,
@@ -235,7 +235,7 @@ def _evaluated(recording: Recording, settings: LoopSettings) -> _Evaluated:
     subtracted, shares = recording.subtracted.copy(), {}
     for label, raws in cut.items():
         drift = _drift_at(recording, raws, features[label])
-        width_rad = float(np.mean([each.width_rad for each in features[label]]))
+        width_rad = float(np.mean([feature.width_rad for feature in features[label]]))
         if abs(drift.per_loop_rad) * (1.0 + 3.0 * drift.share) <= NEGLIGIBLE * width_rad:
             continue
         rows = recording.position == label
@@ -320,9 +320,9 @@ class _Quantities:
         ]
         features = [choose(each) for each, _ in pairs]
         value, parts = over_positions(
-            np.array([each.value for each in features]),
+            np.array([feature.value for feature in features]),
             np.array([each.position for each, _ in pairs]),
-            noise=float(np.sqrt(np.mean([each.noise**2 for each in features]))),
+            noise=float(np.sqrt(np.mean([feature.noise**2 for feature in features]))),
         )
         drift = np.mean(
             [
@@ -331,41 +331,49 @@ class _Quantities:
             ]
         )
         common = (
-            ("resolution", float(np.mean([each.step for each in features]))),
-            ("between samples", float(np.mean([each.between for each in features]))),
+            ("resolution", float(np.mean([feature.step for feature in features]))),
+            ("between samples", float(np.mean([feature.between for feature in features]))),
             ("drift", abs(float(drift))),
         )
         return value, [*parts, *(BudgetLine(name, size) for name, size in common)]
 
     def _mean(self, value: Callable[[LoopFeatures], float]) -> float:
-        return float(np.mean([value(each) for each in self.evaluated.loops]))
+        return float(np.mean([value(loop) for loop in self.evaluated.loops]))
 
     @property
     def _positions(self) -> list[float]:
-        return list(dict.fromkeys(each.position for each in self.evaluated.loops))
+        return list(dict.fromkeys(loop.position for loop in self.evaluated.loops))
 
     def _scale(self, factor: float) -> list[BudgetLine]:
         """Return the contributions of errors in proportion to the torque."""
-        known = self.known
+        uncertainty = self.known
         return [
-            BudgetLine("torque scale", known.torque_relative * factor, shared=Shared.CALIBRATION),
-            BudgetLine("mounting", known.torque_mounting * factor, shared=Shared.MOUNTING),
+            BudgetLine(
+                "torque scale", uncertainty.torque_relative * factor, shared=Shared.CALIBRATION
+            ),
+            BudgetLine("mounting", uncertainty.torque_mounting * factor, shared=Shared.MOUNTING),
         ]
 
     def _branch(self, factor: float) -> list[BudgetLine]:
         """Return the contribution of a torque error of one branch against the other."""
-        known = self.known
+        uncertainty = self.known
         return [
-            BudgetLine("torque branch", known.torque_branch_nm * factor, shared=Shared.CALIBRATION),
-            BudgetLine("loading effects", known.torque_loading_nm * factor, shared=Shared.LOADING),
+            BudgetLine(
+                "torque branch", uncertainty.torque_branch_nm * factor, shared=Shared.CALIBRATION
+            ),
+            BudgetLine(
+                "loading effects", uncertainty.torque_loading_nm * factor, shared=Shared.LOADING
+            ),
         ]
 
     def _angle(self, value: float, factor: float) -> list[BudgetLine]:
         """Return the contributions of the encoder's errors at single angles, and of its scale."""
-        known = self.known
+        uncertainty = self.known
         return [
-            BudgetLine("angle", known.angle_rad * factor, shared=Shared.MOUNTING),
-            BudgetLine("angle scale", known.angle_relative * abs(value), shared=Shared.CALIBRATION),
+            BudgetLine("angle", uncertainty.angle_rad * factor, shared=Shared.MOUNTING),
+            BudgetLine(
+                "angle scale", uncertainty.angle_relative * abs(value), shared=Shared.CALIBRATION
+            ),
         ]
 
     def _zero(self, slope: float, positions: int) -> BudgetLine:
@@ -427,26 +435,30 @@ class _Quantities:
         unit: str = "N·m/arcmin",
     ) -> Budget:
         """Return the stiffness: the inverse of the mean compliance of the loops."""
-        compliance, shown = self._over(choose)
+        compliance, estimate = self._over(choose)
         value = 1.0 / compliance
-        known, angle_range = self.known, reach_nm * abs(compliance)
+        uncertainty, angle_range = self.known, reach_nm * abs(compliance)
         parts = [
-            *_scaled(shown, value**2),
+            *_scaled(estimate, value**2),
             *self._scale(abs(value)),
             *self._branch(2.0**0.5 / reach_nm * abs(value)),
             BudgetLine(
                 "angle",
-                2.0**0.5 * known.angle_rad / angle_range * abs(value),
+                2.0**0.5 * uncertainty.angle_rad / angle_range * abs(value),
                 inf,
                 -1.0,
                 Shared.MOUNTING,
             ),
             BudgetLine(
-                "angle scale", known.angle_relative * abs(value), inf, -1.0, Shared.CALIBRATION
+                "angle scale",
+                uncertainty.angle_relative * abs(value),
+                inf,
+                -1.0,
+                Shared.CALIBRATION,
             ),
             BudgetLine(
                 "bench compliance",
-                known.bench_compliance_rad_per_nm * value**2,
+                uncertainty.bench_compliance_rad_per_nm * value**2,
                 shared=Shared.CALIBRATION,
             ),
         ]
@@ -467,10 +479,10 @@ class _Quantities:
         if self.settings.region_torques_nm is None:
             return None
         first, second = self.settings.region_torques_nm
-        largest = min(each.largest_torque_nm for each in self.evaluated.loops)
+        largest = min(loop.largest_torque_nm for loop in self.evaluated.loops)
         budgets: list[Budget | None] = []
         for k, reach in enumerate((first, second - first, largest - second)):
-            if any(each.regions[k] is None for each in self.evaluated.loops):
+            if any(loop.regions[k] is None for loop in self.evaluated.loops):
                 budgets.append(None)
                 continue
             budgets.append(self._stiffness(_region(k), reach, per=1.0, unit="N·m/rad"))

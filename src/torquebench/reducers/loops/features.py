@@ -38,7 +38,7 @@ def features_of(
     for raw in loops:
         sides = (raw.rising, raw.falling)
         ends = [torque[np.concatenate(pieces)] for pieces in sides]
-        low, high = max(float(each.min()) for each in ends), min(float(each.max()) for each in ends)
+        low, high = max(float(end.min()) for end in ends), min(float(end.max()) for end in ends)
         _check_range(raw, low, high, settings)
         branches.append([[branch_of(recording, rows) for rows in pieces] for pieces in sides])
         ranges.append((low, high))
@@ -236,15 +236,15 @@ def _regions(
     if settings.region_torques_nm is None:
         return (None, None, None)
     first, second = settings.region_torques_nm
-    found: list[Feature | None] = []
+    stiffness: list[Feature | None] = []
     for low, high in ((0.0, first), (first, second), (second, largest)):
         top = min(high, largest)
         if top < low + 0.1 * (second - first):
-            found.append(None)
+            stiffness.append(None)
             continue
         sides = (_compliance(rising, 1, low, top), _compliance(falling, -1, low, top))
-        found.append(Feature.mean(*sides))
-    return tuple(found)
+        stiffness.append(Feature.mean(*sides))
+    return tuple(stiffness)
 
 
 def _energy(rising: Pieces, falling: Pieces, raw: RawLoop, recording: Recording) -> Feature:

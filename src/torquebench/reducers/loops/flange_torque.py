@@ -137,7 +137,7 @@ def torque_at_flange(
             angle_uncertainty_rad=angle_uncertainty_rad,
         )
         smooth = savgol_filter(torque[rows], WINDOW, DEGREE)
-        found = without_inertia(smooth, uncertainty[rows], motion, flange.inertia_kgm2, unsure)
+        corrected = without_inertia(smooth, uncertainty[rows], motion, flange.inertia_kgm2, unsure)
         inner = slice(WINDOW // 2, rows.size - WINDOW // 2)
-        torque[rows[inner]], uncertainty[rows[inner]] = found[0][inner], found[1][inner]
+        torque[rows[inner]], uncertainty[rows[inner]] = corrected[0][inner], corrected[1][inner]
     return torque, uncertainty

@@ -144,7 +144,7 @@ def _between(x: Floats, y: Floats, place: float, value: float, sigma: float) -> 
             lines.append(float(angle[a] + slope * (place - torque[a])))
     if torque[after - 1] <= place <= torque[after]:
         lines = np.clip(lines, *sorted((angle[after - 1], angle[after]))).tolist()
-    difference = max(abs(each - value) for each in lines)
+    difference = max(abs(line - value) for line in lines)
     return float(np.sqrt(max(difference**2 - (4.0 * sigma) ** 2, 0.0) / 3.0))
 
 

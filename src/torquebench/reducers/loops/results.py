@@ -391,7 +391,7 @@ class HysteresisResult:
 
     def limited(self, limits: DataSheetLimits) -> Iterator[LimitedQuantity]:
         """Return the values that the data sheet limits; those without a limit may be left out."""
-        estimates = {each.key: each for each in self.quantities()}
+        estimates = {quantity.key: quantity for quantity in self.quantities()}
         for key, lower, upper in (
             ("stiffness", limits.stiffness_nm_per_arcmin, None),
             ("backlash", None, limits.backlash_arcmin),
@@ -460,19 +460,19 @@ class OpenLoopError(InputError):
 
 def check_closure(loops: Sequence[LoopFeatures], settings: LoopSettings) -> None:
     """Refuse loops that don't close."""
-    for each in loops:
-        gap = each.closure_rad
-        if abs(gap) <= max(settings.closure_share * each.width_rad, 6.0 * each.closure_noise_rad):
+    for loop in loops:
+        gap = loop.closure_rad
+        if abs(gap) <= max(settings.closure_share * loop.width_rad, 6.0 * loop.closure_noise_rad):
             continue
         raise OpenLoopError(
-            each,
+            loop,
             Message(
                 "loop {loop} at position {position:g} doesn't close: its end is "
                 "{degrees:.3g} arcmin off its start ({closure_rad:.3g} % of its width)",
-                each.loop,
-                each.position,
+                loop.loop,
+                loop.position,
                 gap / ARCMIN,
-                100 * gap / each.width_rad,
+                100 * gap / loop.width_rad,
             ),
             Message("at most {closure_share:g} % of the width", 100 * settings.closure_share),
             "preload to the rated torque first, check clamps and encoder for slip and the "
@@ -483,7 +483,7 @@ def check_closure(loops: Sequence[LoopFeatures], settings: LoopSettings) -> None
 def loop_findings(loops: Sequence[LoopFeatures], settings: LoopSettings) -> list[Finding]:
     """Return findings about the evaluated loops."""
     findings = []
-    positions = {each.position for each in loops}
+    positions = {loop.position for loop in loops}
     rule = settings.lost_motion_rule
     if len(loops) < 3 * len(positions):
         few: str = "a single whole loop"
@@ -512,7 +512,7 @@ def loop_findings(loops: Sequence[LoopFeatures], settings: LoopSettings) -> list
     hidden = _preload(loops, settings)
     if hidden is not None:
         findings.append(hidden)
-    if any(each.backlash.value < -6.0 * _spread(each.backlash) for each in loops):
+    if any(loop.backlash.value < -6.0 * _spread(loop.backlash) for loop in loops):
         findings.append(
             Finding(
                 "loop runs backwards",
@@ -531,11 +531,11 @@ def _spread(feature: Feature) -> float:
 def _preload(loops: Sequence[LoopFeatures], settings: LoopSettings) -> Finding | None:
     """Return a finding if loops are much softer far from zero torque than at it."""
     centres = []
-    for each in loops:
-        curve = each.curve
+    for loop in loops:
+        curve = loop.curve
         width = 0.02 * settings.rated_torque_nm
         grid = np.arange(curve.torque_nm[0] + width, curve.torque_nm[-1] - width, 0.5 * width)
-        grid = grid[np.abs(grid) < 0.8 * each.largest_torque_nm]
+        grid = grid[np.abs(grid) < 0.8 * loop.largest_torque_nm]
         middle = 0.0
         for branch in (curve.rising_rad, curve.falling_rad):
             ends = [np.interp(grid + s * width, curve.torque_nm, branch) for s in (-1.0, 1.0)]

@@ -116,7 +116,7 @@ def effect_of_ripple(
 
     def change(value: Callable[[LoopFeatures], float]) -> float:
         """Return by how much the mean of a loop's value differs between steady and rippling."""
-        means = [float(np.mean([value(each) for each in loops])) for loops in (steady, rippling)]
+        means = [float(np.mean([value(loop) for loop in loops])) for loops in (steady, rippling)]
         return abs(means[0] - means[1])
 
     energy = change(lambda each: each.energy.value)
@@ -157,11 +157,11 @@ def find_ripple(torque: Floats, angle: Floats) -> Ripple | None:
         inside = np.flatnonzero(sign * torque[start:stop] > LOADED * largest)
         if inside.size >= 64:
             stretches.append(slice(start + inside[0], start + inside[-1] + 1))
-    found = [each for each in (_line(torque[part], angle[part]) for part in stretches) if each]
-    if 2 * len(found) <= len(stretches):
+    lines = [each for each in (_line(torque[part], angle[part]) for part in stretches) if each]
+    if 2 * len(lines) <= len(stretches):
         return None
-    period = float(np.median([each.period for each in found]))
-    return Ripple(period, float(np.median([each.amplitude_nm for each in found])))
+    period = float(np.median([each.period for each in lines]))
+    return Ripple(period, float(np.median([each.amplitude_nm for each in lines])))
 
 
 def _line(torque: Floats, angle: Floats) -> Ripple | None:

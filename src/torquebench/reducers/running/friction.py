@@ -276,11 +276,11 @@ def evaluate_friction(
     missed: tuple[Finding, ...] = ()
     if demanded_rpm is not None:
         missed = missed_speed(points.speed, points.samples["demanded_rpm"])
-    found = friction_of(
+    friction = friction_of(
         points, systematic_uncertainty_nm=systematic_uncertainty_nm, exponent=exponent, form=form
     )
     return FrictionResult(
-        **{**vars(found), "findings": (*points.findings, *unsteady, *missed, *found.findings)}
+        **{**vars(friction), "findings": (*points.findings, *unsteady, *missed, *friction.findings)}
     )
 
 

@@ -236,8 +236,10 @@ def _solve(
         start = int(np.argmin([distance(value) for value in grid]))
         inside = 0 < start < grid.size - 1
         bounds = (grid[max(start - 1, 0)], grid[min(start + 1, grid.size - 1)])
-        found = minimize_scalar(distance, bounds=bounds, method="bounded", options={"xatol": 1e-9})
-        stribeck_speed = float(np.exp(found.x))
+        minimum = minimize_scalar(
+            distance, bounds=bounds, method="bounded", options={"xatol": 1e-9}
+        )
+        stribeck_speed = float(np.exp(minimum.x))
     linear, squares = at(stribeck_speed)
     present = {name for name, value in zip(names, linear, strict=True) if value > 0} | {"coulomb"}
     if present != set(names):

@@ -250,7 +250,9 @@ def evaluate_no_load(
         known=of_each,
     )
     if tare is not None:
-        torque = samples["torque_nm"] - [tare.at(each).torque_nm for each in samples["speed_rpm"]]
+        torque = samples["torque_nm"] - [
+            tare.at(sample).torque_nm for sample in samples["speed_rpm"]
+        ]
         samples = samples.having(torque_nm=np.asarray(torque))
     points = speed_points(samples, tolerance_rpm=tolerance_rpm, zeroed=zeroed, steady=steady)
     known: KnownTorque = uncertainty or TorqueUncertainty()
@@ -387,9 +389,9 @@ class _Scatter:
         if self.repeated:
             return []
         if self.own:
-            found = "every speed was driven once: U contains the noise of each window only"
+            message = "every speed was driven once: U contains the noise of each window only"
         elif self.within_freedom:
-            found = "every speed was measured once: the scatter is that about the fitted friction"
+            message = "every speed was measured once: the scatter is that about the fitted friction"
         else:
             return [
                 Finding(
@@ -400,7 +402,7 @@ class _Scatter:
                 )
             ]
         remedy = "measure up and down and repeat the sweep, three times by preference"
-        return [Finding("no repeats", found, remedy)]
+        return [Finding("no repeats", message, remedy)]
 
 
 def _scatter(points: SpeedPoints, series: NDArray[np.int64], friction: FrictionResult) -> _Scatter:
@@ -516,8 +518,8 @@ def _mean_of_branches(points: SpeedPoints, here: NDArray[np.bool_]) -> float:
 def _both_directions(points: tuple[NoLoadPoint, ...], tolerance: float) -> tuple[NoLoadPoint, ...]:
     """Return the mean magnitude of both directions at each speed that was driven in both."""
     means = []
-    backward = [each for each in points if each.nominal_rpm < 0.0]
-    for forward in (each for each in points if each.nominal_rpm > 0.0):
+    backward = [point for point in points if point.nominal_rpm < 0.0]
+    for forward in (point for point in points if point.nominal_rpm > 0.0):
         other = min(
             backward, key=lambda each: abs(each.nominal_rpm + forward.nominal_rpm), default=None
         )

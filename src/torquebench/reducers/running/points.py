@@ -191,9 +191,9 @@ def _of_ramp(samples: Samples) -> tuple[Samples, NDArray[np.int64], Floats]:
         "ramp up and down, or measure in steps of speed",
     )
     first = np.array([np.flatnonzero(index == k)[0] for k in np.flatnonzero(usable)])
-    found = replace(samples, columns=columns, row=samples.row[first]).with_finding(finding)
+    ramp = replace(samples, columns=columns, row=samples.row[first]).with_finding(finding)
     group = np.unique(key[usable, 0], return_inverse=True)[1].ravel().astype(np.int64)
-    return found, group, own
+    return ramp, group, own
 
 
 def _without_outliers(points: SpeedPoints) -> SpeedPoints:
@@ -210,9 +210,9 @@ def _without_outliers(points: SpeedPoints) -> SpeedPoints:
     samples = points.samples.less({"torque": bad})
     if samples.row.size == bad.size:
         return replace(points, samples=samples)
-    kept = ~bad
-    group = np.unique(points.group[kept], return_inverse=True)[1].ravel().astype(np.int64)
-    return replace(points, samples=samples, group=group, own_nm=points.own_nm[kept])
+    good = ~bad
+    group = np.unique(points.group[good], return_inverse=True)[1].ravel().astype(np.int64)
+    return replace(points, samples=samples, group=group, own_nm=points.own_nm[good])
 
 
 def _unlike_directions(points: SpeedPoints) -> NDArray[np.bool_]:

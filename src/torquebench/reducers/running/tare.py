@@ -120,12 +120,12 @@ class Tare:
                 "repeat it in both directions",
             )
         values = {
-            sign: np.polynomial.polynomial.polyval(abs(speed_rpm), found.T)
-            for sign, found in self.coefficients.items()
+            sign: np.polynomial.polynomial.polyval(abs(speed_rpm), coefficients.T)
+            for sign, coefficients in self.coefficients.items()
         }
         mean = {sign: float(each.mean()) for sign, each in values.items()}
-        squares = sum(float(np.sum((each - each.mean()) ** 2)) for each in values.values())
-        freedom = sum(each.size - 1 for each in values.values())
+        squares = sum(float(np.sum((value - value.mean()) ** 2)) for value in values.values())
+        freedom = sum(value.size - 1 for value in values.values())
         count = values[direction].size
         single = sqrt(squares / freedom) if freedom else self.residual_nm
         return TareValue(
@@ -185,7 +185,7 @@ def fit_tare(
     series = labels(repeat, speed.size, 1.0, "repeat")
     if np.any(speed == 0.0):
         raise InputError("a point of the empty run at 0 rpm", "points at which the shaft turns")
-    found: dict[int, NDArray[np.float64]] = {}
+    coefficients: dict[int, NDArray[np.float64]] = {}
     rest: list[NDArray[np.float64]] = []
     for sign in (1, -1):
         same_direction = np.sign(speed) == sign
@@ -199,6 +199,6 @@ def fit_tare(
             line = np.polynomial.polynomial.polyfit(size, torque[here], degree)
             rest.append(torque[here] - np.polynomial.polynomial.polyval(size, line))
             rows.append(np.pad(line, (0, HIGHEST_DEGREE - degree)))
-        found[sign] = np.array(rows)
+        coefficients[sign] = np.array(rows)
     residual = float(np.sqrt(np.mean(np.concatenate(rest) ** 2)))
-    return Tare(found, float(np.max(np.abs(speed))), float(zero_nm), residual, speed, stated)
+    return Tare(coefficients, float(np.max(np.abs(speed))), float(zero_nm), residual, speed, stated)

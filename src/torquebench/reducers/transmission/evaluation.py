@@ -141,28 +141,28 @@ class TransmissionErrorResult:
         """Return the values under their names, for tables and reports."""
         rule = Message("max − min, orders up to {highest_order:g}", self.highest_order)
         rows = [ResultQuantity("transmission_error", "transmission error", self.peak_to_peak, rule)]
-        for each in self.directions:
-            short = each.direction.replace("-", "_")
+        for direction in self.directions:
+            short = direction.direction.replace("-", "_")
             rows.append(
                 ResultQuantity(
                     f"transmission_error_{short}",
-                    Message("transmission error, {direction}", each.direction),
-                    each.peak_to_peak,
+                    Message("transmission error, {direction}", direction.direction),
+                    direction.peak_to_peak,
                     Message(
                         "{revolutions} revolution{value}",
-                        each.revolutions,
-                        "" if each.revolutions == 1 else "s",
+                        direction.revolutions,
+                        "" if direction.revolutions == 1 else "s",
                     ),
                 )
             )
             rows += [
                 ResultQuantity(
                     f"order_{order.order:g}_{short}",
-                    Message("order {order:g}, {direction}", order.order, each.direction),
+                    Message("order {order:g}, {direction}", order.order, direction.direction),
                     order.amplitude,
                     "amplitude",
                 )
-                for order in each.orders
+                for order in direction.orders
             ]
         if self.reversal_arcsec is not None:
             rows.append(ResultQuantity("reversal", "gap at reversal", self.reversal_arcsec))
@@ -236,10 +236,10 @@ def evaluate_transmission_error(
         time_s=time_s,
     )
     samples = angles_screened(samples, ratio)
-    given, taken = samples["input_rad"], samples["output_rad"]
-    check_ratio(given, taken, ratio)
-    steps = (count_step(taken), count_step(given) / abs(ratio))
-    runs = runs_of(given, taken, ratio, float(np.hypot(*steps)))
+    input_rad, output_rad = samples["input_rad"], samples["output_rad"]
+    check_ratio(input_rad, output_rad, ratio)
+    steps = (count_step(output_rad), count_step(input_rad) / abs(ratio))
+    runs = runs_of(input_rad, output_rad, ratio, float(np.hypot(*steps)))
     chosen: dict[str, Run] = {}
     for run in runs:
         best = chosen.get(run.direction)
@@ -256,21 +256,21 @@ def evaluate_transmission_error(
             ),
         )
     highest, findings = _highest(chosen, ratio, highest_order)
-    known = uncertainty or AngleUncertainty()
+    stated = uncertainty or AngleUncertainty()
     directions, means = [], []
     for run in chosen.values():
         check_return(run, ratio)
         revolution = mean_revolution(run, highest)
         means.append(revolution)
         time = samples.columns.get("time_s")
-        directions.append(_direction(run, revolution, ratio, known, steps, highest, time))
+        directions.append(_direction(run, revolution, ratio, stated, steps, highest, time))
     worst = max(directions, key=lambda each: each.peak_to_peak.value)
     return TransmissionErrorResult(
         ratio=float(ratio),
         highest_order=float(highest),
         directions=tuple(directions),
         peak_to_peak=worst.peak_to_peak,
-        reversal_arcsec=_reversal(means, known, ratio),
+        reversal_arcsec=_reversal(means, stated, ratio),
         findings=(*samples.findings, *findings, *_cut(means), *_findings(directions)),
     )
 
@@ -279,8 +279,8 @@ def angles_screened(samples: Samples, ratio: float) -> Samples:
     """Leave out samples at which one of the encoders is an outlier, seen in their difference."""
     error = samples["output_rad"] - samples["input_rad"] / ratio
     bad = _far_off(error, samples["input_rad"], 0.0)
-    given, taken = (samples[name][~bad] for name in ("input_rad", "output_rad"))
-    step = count_step(taken) + count_step(given) / abs(ratio)
+    input_rad, output_rad = (samples[name][~bad] for name in ("input_rad", "output_rad"))
+    step = count_step(output_rad) + count_step(input_rad) / abs(ratio)
     return samples.less({"angle": _far_off(error, samples["input_rad"], step)})
 
 
@@ -426,7 +426,7 @@ def _reversal(means: list[Revolution], known: AngleUncertainty, ratio: float) ->
     if len(means) < 2:
         return None
     noise = [
-        BudgetLine("noise", each.noise_arcsec / (2.0 * each.order.size) ** 0.5) for each in means
+        BudgetLine("noise", mean.noise_arcsec / (2.0 * mean.order.size) ** 0.5) for mean in means
     ]
     encoders = float(np.hypot(known.output_rad, known.input_rad / ratio)) / ARCSEC
     value = abs(means[0].mean_rad - means[1].mean_rad) / ARCSEC
@@ -467,7 +467,7 @@ def _findings(directions: list[DirectionError]) -> list[Finding]:
                 "measure both directions in turn",
             )
         )
-    if any(each.revolutions == 1 for each in directions):
+    if any(direction.revolutions == 1 for direction in directions):
         findings.append(
             Finding(
                 "one revolution",

@@ -73,40 +73,40 @@ def mean_revolution(run: Run, highest_order: float) -> Revolution:
     per_turn = int(2 ** np.ceil(np.log2(least)))
     step = float(TURN / per_turn)
     first = int(np.ceil(angle[0] / step))
-    place = np.arange(first, first + revolutions * per_turn) * step
-    size = place.size
-    place = np.where(place > angle[-1], np.maximum(place - TURN, angle[0]), place)
+    angles = np.arange(first, first + revolutions * per_turn) * step
+    size = angles.size
+    angles = np.where(angles > angle[-1], np.maximum(angles - TURN, angle[0]), angles)
     # The curve begins at the angle 0, so that both directions are comparable.
-    over_output = np.roll(CubicSpline(angle, error)(place), first % per_turn)
+    over_output = np.roll(CubicSpline(angle, error)(angles), first % per_turn)
     mean = float(over_output.mean())
     lines = np.fft.rfft((over_output - mean) / ARCSEC)
     order = np.arange(lines.size) / revolutions
     # The mean over a block attenuates changes within it.
     lines = lines / np.sinc(np.minimum(order * block / TURN, 0.5))
-    kept = np.where(order <= highest_order * (1 + 1e-9), lines, 0.0)
-    filtered = np.fft.irfft(kept, size).reshape(revolutions, per_turn)
+    limited = np.where(order <= highest_order * (1 + 1e-9), lines, 0.0)
+    filtered = np.fft.irfft(limited, size).reshape(revolutions, per_turn)
     curve = filtered.mean(axis=0)
     noise, freedom, spread = _noise(filtered, lines, order, 0.4 * per_revolution, highest_order)
-    whole = np.arange(revolutions, lines.size, revolutions)
-    cut = whole[(order[whole] > highest_order) & (order[whole] < 0.4 * per_revolution)]
+    harmonics = np.arange(revolutions, lines.size, revolutions)
+    cut = harmonics[(order[harmonics] > highest_order) & (order[harmonics] < 0.4 * per_revolution)]
     strongest = int(cut[np.argmax(np.abs(lines[cut]))]) if cut.size else 0
-    whole = whole[order[whole] <= highest_order * (1 + 1e-9)]
+    harmonics = harmonics[order[harmonics] <= highest_order * (1 + 1e-9)]
     # The noise of a mean curve is distributed over its lines: variance of the curve = sum of a²/2.
-    per_line = noise * np.sqrt(2.0 / max(whole.size, 1))
+    per_line = noise * np.sqrt(2.0 / max(harmonics.size, 1))
     return Revolution(
         angle_rad=np.arange(per_turn, dtype=np.float64) * step,
         error_arcsec=curve,
         standard_error_arcsec=spread,
-        peak_to_peak_arcsec=float(np.ptp(np.fft.irfft(kept[::revolutions], 8 * per_turn)))
+        peak_to_peak_arcsec=float(np.ptp(np.fft.irfft(limited[::revolutions], 8 * per_turn)))
         * 8.0
         / revolutions,
         noise_arcsec=noise,
         noise_freedom=freedom,
         peak_noise_arcsec=_peak_noise(curve, noise),
-        order=order[whole],
-        amplitude_arcsec=2.0 * np.abs(lines[whole]) / size,
-        phase_rad=-np.angle(lines[whole]),
-        amplitude_error_arcsec=np.full(whole.size, per_line),
+        order=order[harmonics],
+        amplitude_arcsec=2.0 * np.abs(lines[harmonics]) / size,
+        phase_rad=-np.angle(lines[harmonics]),
+        amplitude_error_arcsec=np.full(harmonics.size, per_line),
         mean_rad=mean,
         revolutions=revolutions,
         cut_order=float(order[strongest]),

@@ -108,7 +108,7 @@ def one_way(angle: Floats) -> list[tuple[int, int]]:
     """Return the first and last samples of the intervals in which an angle has one direction."""
     steps = np.abs(np.diff(angle))
     gaps = np.flatnonzero(steps > GAP_STEPS * np.quantile(steps, 0.95)) + 1
-    found = []
+    runs = []
     for begin, end in pairwise([0, *gaps.tolist(), angle.size]):
         piece = angle[begin:end]
         if piece.size < 2:
@@ -118,8 +118,8 @@ def one_way(angle: Floats) -> list[tuple[int, int]]:
             part = piece[start : stop + 1] * np.sign(piece[stop] - piece[start])
             if part.any():
                 first, last = int(np.argmin(part)), int(np.argmax(part))
-                found.append((begin + start + first, begin + start + last))
-    return found
+                runs.append((begin + start + first, begin + start + last))
+    return runs
 
 
 def check_ratio(given: Floats, taken: Floats, ratio: float) -> None:
@@ -134,9 +134,9 @@ def check_ratio(given: Floats, taken: Floats, ratio: float) -> None:
         )
     start, stop = max(one_way(taken), key=lambda each: abs(taken[each[1]] - taken[each[0]]))
     through, out = (each[start : stop + 1] - each[start] for each in (given, taken))
-    shown = float(through[-1] / out[-1])
-    if abs(shown / ratio - 1.0) > COARSE:
-        _refuse_ratio(shown, ratio)
+    measured = float(through[-1] / out[-1])
+    if abs(measured / ratio - 1.0) > COARSE:
+        _refuse_ratio(measured, ratio)
     out = np.abs(out)
     step = float(np.quantile(np.abs(np.diff(out)), 0.95))
     turns = int((out[-1] + step) / TURN)
@@ -144,13 +144,13 @@ def check_ratio(given: Floats, taken: Floats, ratio: float) -> None:
         return
     # Over whole output turns the orders cancel: what remains is the ratio, or slip.
     out = np.maximum.accumulate(out)
-    shown = float(np.interp(turns * TURN, out, np.abs(through))) / (turns * TURN)
-    if abs(shown / abs(ratio) - 1.0) > RATIO_TOLERANCE:
+    measured = float(np.interp(turns * TURN, out, np.abs(through))) / (turns * TURN)
+    if abs(measured / abs(ratio) - 1.0) > RATIO_TOLERANCE:
         angle = np.abs(through / ratio)
-        jump, place, _, stepped = _step_or_line(angle, out - angle, ratio)
-        if stepped and abs(jump) > 0.5 * abs(shown / ratio - np.sign(shown / ratio)) * TURN:
-            _refuse_slip(jump, place + abs(float(taken[start])))
-        _refuse_ratio(np.copysign(shown, ratio), ratio)
+        jump, place_rad, _, stepped = _step_or_line(angle, out - angle, ratio)
+        if stepped and abs(jump) > 0.5 * abs(measured / ratio - np.sign(measured / ratio)) * TURN:
+            _refuse_slip(jump, place_rad + abs(float(taken[start])))
+        _refuse_ratio(np.copysign(measured, ratio), ratio)
 
 
 def _refuse_slip(jump_rad: float, place_rad: float) -> None:
@@ -210,9 +210,9 @@ def check_return(run: Run, ratio: float) -> None:
     limit = max(DRIFT_SHARE * amplitude, LEAST_DRIFT_ARCSEC * ARCSEC, SIGNIFICANT * noise)
     if abs(apart[worst]) <= limit:
         return
-    step, place, line, stepped = _step_or_line(angle, error, ratio)
+    step, place_rad, line, stepped = _step_or_line(angle, error, ratio)
     if stepped:
-        _refuse_slip(step, place)
+        _refuse_slip(step, place_rad)
     per_turn = line * TURN
     raise InputError(
         Message(

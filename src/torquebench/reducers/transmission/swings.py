@@ -157,8 +157,8 @@ def evaluate_swings(
         32, row=row, keep=keep_outliers, input_rad=input_angle_rad, output_rad=output_angle_rad
     )
     samples = angles_screened(samples, ratio)
-    given, taken = samples["input_rad"], samples["output_rad"]
-    angle, error = given / ratio, taken - given / ratio
+    input_rad, output_rad = samples["input_rad"], samples["output_rad"]
+    angle, error = input_rad / ratio, output_rad - input_rad / ratio
     parts = one_way(angle)
     longest = max(abs(float(angle[b] - angle[a])) for a, b in parts)
     swings = tuple(
@@ -166,7 +166,7 @@ def evaluate_swings(
         for a, b in parts
         if abs(float(angle[b] - angle[a])) >= FULL_STROKE * longest
     )
-    directions = [each.forward for each in swings]
+    directions = [swing.forward for swing in swings]
     if len(swings) < 3 or any(a == b for a, b in pairwise(directions)):
         raise InputError(
             Message(
@@ -177,8 +177,8 @@ def evaluate_swings(
             "three strokes or more, or a whole output revolution in one direction",
             "swing the input to and fro, or turn it further",
         )
-    low = max(float(each.angle_rad.min()) for each in swings)
-    high = min(float(each.angle_rad.max()) for each in swings)
+    low = max(float(swing.angle_rad.min()) for swing in swings)
+    high = min(float(swing.angle_rad.max()) for swing in swings)
     edge = CENTRAL * (high - low)
     gaps = _gaps(swings, low + edge, high - edge)
     gap = float(gaps.mean())
@@ -193,10 +193,10 @@ def evaluate_swings(
     edges = np.linspace(low + edge, high - edge, PARTS + 1)
     local = np.array([float(_gaps(swings, a, b).mean()) for a, b in pairwise(edges.tolist())])
     along = float(np.std(local, ddof=1)) / (0.5 * PARTS) ** 0.5  # neighbours are alike
-    step = float(np.hypot(count_step(taken), count_step(given) / ratio))
+    step = float(np.hypot(count_step(output_rad), count_step(input_rad) / ratio))
     noise = noise_of(error)
-    known = uncertainty or AngleUncertainty()
-    encoders = 2.0**0.5 * float(np.hypot(known.output_rad, known.input_rad / ratio))
+    stated = uncertainty or AngleUncertainty()
+    encoders = 2.0**0.5 * float(np.hypot(stated.output_rad, stated.input_rad / ratio))
     common = [
         BudgetLine("along the strokes", along / ARCMIN, PARTS - 1.0),
         BudgetLine("encoders", encoders / ARCMIN, shared=Shared.CALIBRATION),
@@ -231,7 +231,7 @@ def evaluate_swings(
                 "swing further and more slowly; check both encoders for a delay",
             )
         )
-    bands = [_dead_band(each, gap, noise, step) for each in swings[1:]]
+    bands = [_dead_band(swing, gap, noise, step) for swing in swings[1:]]
     dead, spacing = (np.array(column) for column in zip(*bands, strict=True))
     dead = np.minimum(dead, 1.2 * max(gap, 0.0))  # without a gap the output doesn't stop
     sampled = float(np.hypot(step / 6.0**0.5, float(np.mean(spacing)) / 12.0**0.5))
@@ -245,8 +245,8 @@ def evaluate_swings(
 
 def _gaps(swings: tuple[Swing, ...], low: float, high: float) -> Floats:
     """Return the gap between each stroke and the one before: how much the output lags."""
-    means = np.array([each.mean_error(low, high) for each in swings])
-    signs = np.array([-1.0 if each.forward else 1.0 for each in swings[1:]])
+    means = np.array([swing.mean_error(low, high) for swing in swings])
+    signs = np.array([-1.0 if swing.forward else 1.0 for swing in swings[1:]])
     return np.asarray(signs * np.diff(means))
 
 
@@ -283,7 +283,8 @@ def _mean_slope(swings: tuple[Swing, ...], low: float, high: float) -> float:
     """Return the mean slope of the error over an interval, from its values at both ends."""
     width = (high - low) / ENDS
     rise = [
-        each.mean_error(high - width, high) - each.mean_error(low, low + width) for each in swings
+        swing.mean_error(high - width, high) - swing.mean_error(low, low + width)
+        for swing in swings
     ]
     return float(np.mean(rise)) / (high - low - width)
 
@@ -294,9 +295,9 @@ def _over_strokes(values: Floats, noise: float, common: Sequence[BudgetLine]) ->
     count = values.size
     centred = np.eye(count) - 1.0 / count
     alike = np.eye(count) + 0.5 * (np.eye(count, k=1) + np.eye(count, k=-1))
-    shown = centred @ alike
-    freedom = float(np.trace(shown) ** 2 / np.trace(shown @ shown))
-    squares = float(np.sum((values - values.mean()) ** 2)) / float(np.trace(shown))
+    repeating = centred @ alike
+    freedom = float(np.trace(repeating) ** 2 / np.trace(repeating @ repeating))
+    squares = float(np.sum((values - values.mean()) ** 2)) / float(np.trace(repeating))
     scatter = (squares * float(alike.sum())) ** 0.5 / count
     parts = [BudgetLine("strokes", scatter / ARCMIN, freedom), *common]
     if scatter == 0.0:
@@ -316,10 +317,10 @@ def _slope(
             products += float((angle - angle.mean()) @ (error - error.mean()))
             squares += float((angle - angle.mean()) @ (angle - angle.mean()))
     slope = 1.0 + (products / squares if squares else 0.0)
-    shown = ratio / slope if slope else np.inf
+    measured = ratio / slope if slope else np.inf
     if not abs(slope - 1.0) <= COARSE:
         raise InputError(
-            Message("angles that show a ratio of {shown:.4g}", shown),
+            Message("angles that show a ratio of {shown:.4g}", measured),
             Message("{ratio:g} within {limit:g} %", ratio, 100 * COARSE),
             "check the ratio, its sign, the angles' units, and which column is which",
         )
@@ -331,7 +332,7 @@ def _slope(
             Message(
                 "the angles show a ratio of {shown:.5g} instead of {ratio:g} here: a wrong ratio, "
                 "or a transmission error; both directions share it",
-                shown,
+                measured,
                 ratio,
             ),
             "turn by a whole output revolution to tell",

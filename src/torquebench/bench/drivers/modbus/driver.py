@@ -115,9 +115,9 @@ class ModbusDrive:
     ) -> None:
         """Write set point and mode to the drive; refuse a drive that is off."""
         check_drive_order(self._link.name, value, rate, maximum, unit)
-        place = DriveCommand.TORQUE if mode is DriveMode.TORQUE else DriveCommand.SPEED
+        register = DriveCommand.TORQUE if mode is DriveMode.TORQUE else DriveCommand.SPEED
         numbers = [*register_map.from_float(value), *register_map.from_float(rate)]
-        self._link.write(place, numbers)
+        self._link.write(register, numbers)
         self._link.write(DriveCommand.CONTROL, [DriveControl.ENABLE, mode])
         if not self.state().enabled:
             raise BenchError(

@@ -121,54 +121,56 @@ class ModbusLink(Link[Any]):
 
     def input_registers(self, first: int, count: int) -> list[int]:
         """Read input registers (function 4)."""
-        place, unit = self._base + first, self._unit
-        found = self._exchange(
-            lambda client: client.read_input_registers(place, count=count, device_id=unit),
-            Message("to read input registers {first} to {last}", place, place + count - 1),
+        address, unit = self._base + first, self._unit
+        words = self._exchange(
+            lambda client: client.read_input_registers(address, count=count, device_id=unit),
+            Message("to read input registers {first} to {last}", address, address + count - 1),
         ).registers
-        return self._complete(found, count)
+        return self._complete(words, count)
 
     def holding_registers(self, first: int, count: int) -> list[int]:
         """Read holding registers (function 3)."""
-        place, unit = self._base + first, self._unit
-        found = self._exchange(
-            lambda client: client.read_holding_registers(place, count=count, device_id=unit),
-            Message("to read holding registers {first} to {last}", place, place + count - 1),
+        address, unit = self._base + first, self._unit
+        words = self._exchange(
+            lambda client: client.read_holding_registers(address, count=count, device_id=unit),
+            Message("to read holding registers {first} to {last}", address, address + count - 1),
         ).registers
-        return self._complete(found, count)
+        return self._complete(words, count)
 
     def write(self, first: int, values: list[int]) -> None:
         """Write holding registers (function 16), all at once."""
-        place, unit = self._base + first, self._unit
+        address, unit = self._base + first, self._unit
         self._exchange(
-            lambda client: client.write_registers(place, values, device_id=unit),
-            Message("to write holding registers {first} to {last}", place, place + len(values) - 1),
+            lambda client: client.write_registers(address, values, device_id=unit),
+            Message(
+                "to write holding registers {first} to {last}", address, address + len(values) - 1
+            ),
         )
 
     def contacts(self, first: int, count: int) -> list[bool]:
         """Read discrete inputs (function 2)."""
-        place, unit = self._base + first, self._unit
-        found = self._exchange(
-            lambda client: client.read_discrete_inputs(place, count=count, device_id=unit),
-            Message("to read discrete inputs {first} to {last}", place, place + count - 1),
+        address, unit = self._base + first, self._unit
+        bits = self._exchange(
+            lambda client: client.read_discrete_inputs(address, count=count, device_id=unit),
+            Message("to read discrete inputs {first} to {last}", address, address + count - 1),
         ).bits
-        return [bool(bit) for bit in self._complete(found, count)]
+        return [bool(bit) for bit in self._complete(bits, count)]
 
     def coils(self, first: int, count: int) -> list[bool]:
         """Read coils (function 1)."""
-        place, unit = self._base + first, self._unit
-        found = self._exchange(
-            lambda client: client.read_coils(place, count=count, device_id=unit),
-            Message("to read coils {first} to {last}", place, place + count - 1),
+        address, unit = self._base + first, self._unit
+        bits = self._exchange(
+            lambda client: client.read_coils(address, count=count, device_id=unit),
+            Message("to read coils {first} to {last}", address, address + count - 1),
         ).bits
-        return [bool(bit) for bit in self._complete(found, count)]
+        return [bool(bit) for bit in self._complete(bits, count)]
 
     def switch(self, first: int, values: list[bool]) -> None:
         """Write coils (function 15), all at once."""
-        place, unit = self._base + first, self._unit
+        address, unit = self._base + first, self._unit
         self._exchange(
-            lambda client: client.write_coils(place, values, device_id=unit),
-            Message("to write coils {first} to {last}", place, place + len(values) - 1),
+            lambda client: client.write_coils(address, values, device_id=unit),
+            Message("to write coils {first} to {last}", address, address + len(values) - 1),
         )
 
     def _complete(self, found: list[int], count: int) -> list[int]:

@@ -287,10 +287,10 @@ class ModbusFixture(_Mapped):
             for name, contact in zip(names, contacts, strict=True)
         ]
         if places == list(range(places[0], places[0] + len(places))):
-            found = read(places[0], len(places))
+            states = read(places[0], len(places))
         else:
-            found = [read(place, 1)[0] for place in places]
-        return [bit != (name in self._inverted) for bit, name in zip(found, names, strict=True)]
+            states = [read(address, 1)[0] for address in places]
+        return [bit != (name in self._inverted) for bit, name in zip(states, names, strict=True)]
 
     def switch(self, values: Mapping[Coil, bool]) -> None:
         """Set coils, adjacent ones together; coils to be cleared first."""
@@ -328,8 +328,8 @@ class ModbusAngles:
 
     def counts(self) -> Mapping[Side, int]:
         """Request the counts of both sides, and unwrap their 32 bits."""
-        for side, place in self._registers.items():
-            word = register_map.integer_of(self._link.input_registers(place, 2))
+        for side, address in self._registers.items():
+            word = register_map.integer_of(self._link.input_registers(address, 2))
             self._position[side] = unwrapped(word, self._position.get(side))
         return dict(self._position)
 

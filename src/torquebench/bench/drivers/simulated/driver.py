@@ -533,13 +533,13 @@ class SimulatedBench:
 
     def certificates(self) -> dict[Mounting, dict[Side, ReferenceCertificate]]:
         """Certificates of the simulated standards."""
-        found: dict[Side, ReferenceCertificate] = {}
+        certificates: dict[Side, ReferenceCertificate] = {}
         for side in SIDES:
             certificate = self._twin.certificate(side)
-            found[side] = ReferenceCertificate(
+            certificates[side] = ReferenceCertificate(
                 certificate.torque_nm, certificate.error_nm, certificate.expanded_uncertainty_nm
             )
-        return {"calibrator": found}
+        return {"calibrator": certificates}
 
     def encoder_certificates(self) -> dict[Side, EncoderCertificate]:
         """Certificates of the simulated encoders."""
@@ -548,9 +548,9 @@ class SimulatedBench:
     def reducer_certificate(self) -> tuple[CertifiedFriction, ...]:
         """Certified no-load friction of the selected reducer, at 23 °C."""
         speeds = np.array([20.0, 50.0, *(100.0 * k for k in range(1, 13))])
-        known = self._twin.no_load_nm(speeds)
+        no_load_nm = self._twin.no_load_nm(speeds)
         scatter = np.random.default_rng([self.options.seed, 17]).standard_normal(speeds.size)
-        stated = known + 0.5 * CERTIFIED_FRICTION_U_NM * scatter
+        stated = no_load_nm + 0.5 * CERTIFIED_FRICTION_U_NM * scatter
         return tuple(
             CertifiedFriction(
                 speed_rpm=float(speed),

@@ -56,26 +56,26 @@ def _plan(
 def _evaluate(bench: Bench, _reducer: ReducerDescription, ramps: BreakawayRecording) -> Evaluated:
     """Evaluate starting or back-driving torque from ramps."""
     side = ramps.side
-    parts = [_rising(each, side) for each in ramps.ramps]
+    parts = [_rising(ramp, side) for ramp in ramps.ramps]
     sizes = [part[0].size for part in parts]
     time_s, angle, torque = (
         np.concatenate(column) for column in zip(*(part[:3] for part in parts), strict=True)
     )
-    known = TorqueUncertainty(model_nm=uncompensated_uncertainty_nm(bench, side))
+    uncertainty = TorqueUncertainty(model_nm=uncompensated_uncertainty_nm(bench, side))
     if ramps.compensated:
-        known = torque_of_loading(TorqueParts.joined([part[3] for part in parts]), torque)
+        uncertainty = torque_of_loading(TorqueParts.joined([part[3] for part in parts]), torque)
         # every ramp has its own zero, so that zero errors don't cancel in the mean of both
         # directions
-        loading = float(np.hypot(known.loading_nm, known.zero_nm))
-        known = replace(known, loading_nm=loading, zero_nm=0.0)
+        loading = float(np.hypot(uncertainty.loading_nm, uncertainty.zero_nm))
+        uncertainty = replace(uncertainty, loading_nm=loading, zero_nm=0.0)
     result = evaluate_breakaway(
         time_s,
         angle,
         torque,
         kind="starting" if side == "input" else "back-driving",
         run=np.repeat(np.arange(len(sizes)), sizes),
-        position=np.repeat([each.position_deg for each in ramps.ramps], sizes),
-        uncertainty=known,
+        position=np.repeat([ramp.position_deg for ramp in ramps.ramps], sizes),
+        uncertainty=uncertainty,
         resolution_rad=resolution_rad(bench, side),
         presliding_rad=PRESLIDING_RAD[side],
     )
@@ -103,12 +103,12 @@ def _rising(ramp: Breakaway, side: Side) -> tuple[FloatArray, FloatArray, FloatA
 
 def _figure(result: BreakawayResult) -> str:
     """Draw the torque at first motion of every ramp over the position."""
-    position = np.array([each.position for each in result.runs])
-    known = bool(np.all(np.isfinite(position)))
-    if not known:
-        position = np.array([each.label for each in result.runs])
-    torque = np.array([each.torque_nm for each in result.runs])
-    error = 2.0 * np.array([each.standard_uncertainty_nm for each in result.runs])
+    position = np.array([run.position for run in result.runs])
+    placed = bool(np.all(np.isfinite(position)))
+    if not placed:
+        position = np.array([run.label for run in result.runs])
+    torque = np.array([run.torque_nm for run in result.runs])
+    error = 2.0 * np.array([run.standard_uncertainty_nm for run in result.runs])
     with styled():
         figure, (axes,) = new_figure(2.9)
         for colour, sign, marker, name, middle in (
@@ -130,7 +130,7 @@ def _figure(result: BreakawayResult) -> str:
                 label=name,
             )
             axes.axhline(middle.value, color=colour, ls="--", lw=0.9, label=f"median, {name}")
-        axes.set_xlabel("position in degrees" if known else "ramp")
+        axes.set_xlabel("position in degrees" if placed else "ramp")
         axes.set_ylabel(f"{result.kind} torque in N·m")
         axes.margins(x=0.1, y=0.25)
         legend_above(axes)

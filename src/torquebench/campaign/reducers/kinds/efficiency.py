@@ -73,21 +73,21 @@ def _figure(result: EfficiencyMap) -> str:
 
     Where only one torque or one speed was measured there are no iso-lines.
     """
-    points = [each for each in result.points if each.driving == "input"] or list(result.points)
-    direction = 1 if any(each.speed_rpm > 0 for each in points) else -1
-    points = [each for each in points if each.speed_rpm * direction > 0]
-    speed = np.array([each.speed_rpm for each in points])
-    torque = np.array([each.torque_nm for each in points])
-    value = np.array([each.efficiency.value for each in points])
+    points = [point for point in result.points if point.driving == "input"] or list(result.points)
+    direction = 1 if any(point.speed_rpm > 0 for point in points) else -1
+    points = [point for point in points if point.speed_rpm * direction > 0]
+    speed = np.array([point.speed_rpm for point in points])
+    torque = np.array([point.torque_nm for point in points])
+    value = np.array([point.efficiency.value for point in points])
     with styled():
         figure, (axes,) = new_figure(3.9)
         axes.grid(visible=False)
         if _count_levels(speed) >= LEAST_MAP and _count_levels(torque) >= LEAST_MAP:
-            speeds, torques, found = result.grid(points[0].driving, direction, 241)
-            shown = np.ma.masked_invalid(found)
-            filled = axes.contourf(speeds, torques, shown, 14, cmap="viridis")
+            speeds, torques, efficiency = result.grid(points[0].driving, direction, 241)
+            measured = np.ma.masked_invalid(efficiency)
+            filled = axes.contourf(speeds, torques, measured, 14, cmap="viridis")
             figure.colorbar(filled, ax=axes, label="efficiency in %", pad=0.02)
-            lines = axes.contour(speeds, torques, shown, 7, colors="white", linewidths=0.8)
+            lines = axes.contour(speeds, torques, measured, 7, colors="white", linewidths=0.8)
             axes.clabel(lines, fmt="%.3g %%", fontsize=7.5)
         axes.plot(speed, torque, "o", color="black", markersize=4, fillstyle="none")
         right = 0.5 * (float(speed.min()) + float(speed.max()))

@@ -59,21 +59,21 @@ def _loop_uncertainty(
     """Split the torque's uncertainty by the influence of its errors on a loop."""
     unsure = {side: each.standard_uncertainty_rad_per_nm for side, each in bench.twists.items()}
     twist = float(np.hypot(unsure.get("output", 0.0), unsure.get("input", 0.0) / ratio**2))
-    known = LoopUncertainty(
+    uncertainty = LoopUncertainty(
         angle_rad=resolution_rad(bench, "output") / np.sqrt(12.0),
         bench_compliance_rad_per_nm=twist,
     )
     if not loops.compensated["output"]:
         nominal = uncompensated_uncertainty_nm(bench, "output")
         relative = nominal / loops.torque_nm
-        return replace(known, torque_relative=relative, torque_branch_nm=nominal)
+        return replace(uncertainty, torque_relative=relative, torque_branch_nm=nominal)
     parts, size = recording.output_parts, np.abs(recording.output_torque_nm)
     large = torque_of_loading(parts, recording.output_torque_nm)
     loading = root_mean_square(parts.loading_nm)
-    if max(each.number for each in loops.loops) == 1:  # no repeats show the scatter of loadings
+    if max(loop.number for loop in loops.loops) == 1:  # no repeats show the scatter of loadings
         loading = float(np.hypot(loading, large.repeatability_nm))
     return replace(
-        known,
+        uncertainty,
         torque_relative=large.relative,
         torque_mounting=large.mounting_nm / root_mean_square(size[size > LARGE * np.max(size)]),
         torque_zero_nm=large.zero_nm,
@@ -164,9 +164,9 @@ def _twist_remarks(bench: Bench) -> list[str]:
 def _figure(result: HysteresisResult) -> str:
     """Draw all torque-angle loops, and the key points of the first loop around zero."""
     with styled():
-        figure, (whole, near) = new_figure(6.4, 2)
+        figure, (loops, near) = new_figure(6.4, 2)
         positions = sorted({loop.position for loop in result.loops})
-        for axes in (whole, near):
+        for axes in (loops, near):
             labelled: set[float] = set()
             for loop in result.loops:
                 curve = loop.curve
@@ -176,13 +176,13 @@ def _figure(result: HysteresisResult) -> str:
                 for branch in (curve.rising_rad, curve.falling_rad):
                     label = None if loop.position in labelled else f"{loop.position:g}°"
                     labelled.add(loop.position)
-                    shown = (branch - middle) / ARCMIN
-                    axes.plot(curve.torque_nm, shown, color=colour, lw=0.9, label=label)
+                    angle_arcmin = (branch - middle) / ARCMIN
+                    axes.plot(curve.torque_nm, angle_arcmin, color=colour, lw=0.9, label=label)
             axes.set_ylabel("output angle in arcmin")
-        whole.set_xlabel("output torque in N·m")
+        loops.set_xlabel("output torque in N·m")
         near.set_xlabel("output torque in N·m, around zero")
-        legend_above(whole)
-        _mark_key_points(whole, near, result)
+        legend_above(loops)
+        _mark_key_points(loops, near, result)
         return svg_text(figure)
 
 
@@ -202,13 +202,13 @@ def _mark_key_points(whole: Axes, near: Axes, result: HysteresisResult) -> None:
     near.set_ylim(float(both.min()) / ARCMIN - 0.12 * span, float(both.max()) / ARCMIN + 0.2 * span)
     whole.margins(y=0.12)
     for point in result.key_points:
-        place = (point.torque_nm, (point.angle_rad - middle) / ARCMIN)
+        position = (point.torque_nm, (point.angle_rad - middle) / ARCMIN)
         axes = near if abs(point.torque_nm) <= reach else whole
-        axes.plot(*place, "o", color="black", markersize=4.5, zorder=4)
+        axes.plot(*position, "o", color="black", markersize=4.5, zorder=4)
         left = "↓" in point.label or ("↑" not in point.label and point.torque_nm > 0.0)
         axes.annotate(
             point.label,
-            place,
+            position,
             xytext=(-7, 4) if left else (7, -4),
             textcoords="offset points",
             ha="right" if left else "left",

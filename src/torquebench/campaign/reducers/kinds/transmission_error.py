@@ -48,16 +48,16 @@ def _evaluate(
 ) -> Evaluated:
     """Evaluate the transmission error of both directions."""
     certified = turning.certified_rad
-    known = AngleUncertainty(
+    uncertainty = AngleUncertainty(
         *(_encoder_rad(bench, side, certified.get(side)) for side in ("output", "input"))
     )
     result = evaluate_transmission_error(
-        np.concatenate([each.input_angle_rad for each in turning.directions]),
-        np.concatenate([each.output_angle_rad for each in turning.directions]),
+        np.concatenate([direction.input_angle_rad for direction in turning.directions]),
+        np.concatenate([direction.output_angle_rad for direction in turning.directions]),
         reducer.signed_ratio,
-        time_s=np.concatenate([each.time_s for each in turning.directions]),
+        time_s=np.concatenate([direction.time_s for direction in turning.directions]),
         highest_order=reducer.highest_error_order,
-        uncertainty=known,
+        uncertainty=uncertainty,
     )
     remarks = [
         Message(
@@ -111,7 +111,7 @@ def _over_revolution(result: TransmissionErrorResult) -> str:
                     fontsize=8,
                 )
         lower.set_xlim(-0.01 * result.highest_order, 1.05 * result.highest_order)
-        highest = max(float(np.max(each.amplitude_arcsec)) for each in result.directions)
+        highest = max(float(np.max(direction.amplitude_arcsec)) for direction in result.directions)
         lower.set_ylim(0.0, 1.15 * highest)
         turn = abs(result.ratio)
         lower.set_xlabel(f"order per output revolution ({turn:g}: once a turn of the input)")
@@ -124,7 +124,9 @@ def _polar(result: TransmissionErrorResult) -> str:
     with styled():
         figure = blank_figure(4.4)
         axes = figure.subplots(1, 1, subplot_kw={"projection": "polar"})
-        worst = max(float(np.max(np.abs(each.error_arcsec))) for each in result.directions)
+        worst = max(
+            float(np.max(np.abs(direction.error_arcsec))) for direction in result.directions
+        )
         for number, each in enumerate(result.directions):
             closed = np.append(each.error_arcsec, each.error_arcsec[:1])
             angle = np.append(each.angle_rad, TURN)
