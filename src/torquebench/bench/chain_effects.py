@@ -112,7 +112,7 @@ def standard_effect(
     standard, conditions = mounted or description.calibrator, description.conditions
     transducer = standard.transducer(side)
     reached = standard_c or (conditions.temperature_low_c, conditions.temperature_high_c)
-    largest_k = max(abs(each - standard.certificate_temperature_c) for each in reached)
+    largest_k = max(abs(reached_c - standard.certificate_temperature_c) for reached_c in reached)
     if standard_c:
         largest_k += PROBE_K
     drift = transducer.drift_percent_per_year

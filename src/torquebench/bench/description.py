@@ -428,10 +428,10 @@ class StandardDescription(_Section):
         """Return the standard with U from certificates for sides that don't have it yet."""
         stated = {
             side: CertifiedPoints(
-                torque_nm=list(each.certified.torque_nm),
-                expanded_uncertainty_nm=list(each.certified.expanded_nm),
+                torque_nm=list(certificate.certified.torque_nm),
+                expanded_uncertainty_nm=list(certificate.certified.expanded_nm),
             )
-            for side, each in certificates.items()
+            for side, certificate in certificates.items()
         }
         return self.model_copy(update={"certified": {**stated, **self.certified}})
 

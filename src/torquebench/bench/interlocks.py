@@ -384,8 +384,8 @@ def check_mode_change(state: BenchState, side: Side, mode: Mode) -> None:
     """
     if mode not in MODES:
         raise InputError(Message("mode {mode!r}", mode), ", ".join(MODES))
-    for each in SIDES:
-        check_unloaded(state, each, Message("change the {side} mode", side))
+    for driven_side in SIDES:
+        check_unloaded(state, driven_side, Message("change the {side} mode", side))
     if state.enabled(side) and mode != "driven":
         raise InterlockError(
             Message("mode {mode} of the {side} with its drive on", mode, side),

@@ -116,7 +116,7 @@ class NewBench:
         """
         if protocol in UNKNOWN_ROLE:
             return None
-        of_protocol = [each for each in self.found if each.protocol == protocol]
+        of_protocol = [instrument for instrument in self.found if instrument.protocol == protocol]
         return of_protocol[place] if place < len(of_protocol) else None
 
 

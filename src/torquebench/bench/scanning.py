@@ -96,7 +96,7 @@ def addresses_of(hosts: Iterable[str]) -> list[str]:
                 Message("at most {most}", MOST_HOSTS),
                 "state a smaller network",
             )
-        addresses += [str(each) for each in network.hosts()]
+        addresses += [str(host_address) for host_address in network.hosts()]
     return addresses
 
 

@@ -60,7 +60,7 @@ def cells(data: CalibrationData, torque: Torque) -> tuple[Cell, ...]:
     inside = np.abs(error) <= torque.expanded_uncertainty_nm
     share = reference / data.range_nm
     percent = 100.0 / data.range_nm
-    cells_found = []
+    filled = []
     for speed, warmth, load in product(
         _parts(data.speed_rpm, _WHOLE),
         _parts(data.temperature_c, 1.0 / _WHOLE),
@@ -70,7 +70,7 @@ def cells(data: CalibrationData, torque: Torque) -> tuple[Cell, ...]:
         for _, _, member in (part for part in (speed, warmth) if part is not None):
             rows &= member
         if rows.any():
-            cells_found.append(
+            filled.append(
                 Cell(
                     None if speed is None else speed[:2],
                     None if warmth is None else warmth[:2],
@@ -81,7 +81,7 @@ def cells(data: CalibrationData, torque: Torque) -> tuple[Cell, ...]:
                     float(np.mean(inside[rows])),
                 )
             )
-    return tuple(cells_found)
+    return tuple(filled)
 
 
 def cell_rows(data: CalibrationData, torque: Torque) -> list[list[str]]:

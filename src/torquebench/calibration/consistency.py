@@ -503,7 +503,7 @@ def _parts(table: _Table) -> Iterator[tuple[str, FloatArray]]:
     time = np.arange(u.size) / max(u.size - 1, 1)
     # Drift is smooth in time, or in the logarithm of time (settling and creep).
     settling = np.log1p(time / 0.03) / np.log1p(1.0 / 0.03)
-    late, early = (each[:, None] - each[None, :] for each in (time, settling))
+    late, early = (values[:, None] - values[None, :] for values in (time, settling))
     yield "drift", 0.5 * (np.exp(-2.0 * late**2) + np.exp(-2.0 * early**2))
     yield "wander", np.minimum(time[:, None], time[None, :])
     for name, label in (
@@ -733,7 +733,7 @@ class _Search:
     ) -> tuple[list[_Explanation], FloatArray]:
         """Remove explanations that later ones made superfluous."""
         for explanation in tuple(accepted):
-            others = [each for each in accepted if each is not explanation]
+            others = [other for other in accepted if other is not explanation]
             less, fitted = self.description.fit(self.columns(others), amplitudes, 40)
             if evidence - less + self.prior_of(explanation) <= 0.0:
                 accepted, evidence, amplitudes = others, less, fitted

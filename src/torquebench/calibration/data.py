@@ -647,7 +647,7 @@ def plainest(value: float, within: float) -> float:
     (100.0, 93.7)
     """
     rounded = (float(f"{value:.{digits}g}") for digits in range(1, 8))
-    return next((each for each in rounded if abs(each - value) <= within * abs(value)), value)
+    return next((number for number in rounded if abs(number - value) <= within * abs(value)), value)
 
 
 def _branch_of_series(torque: NDArray[np.float64], tolerance: float) -> NDArray[np.int8]:

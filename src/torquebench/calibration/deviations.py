@@ -306,7 +306,7 @@ def _missing(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
                 else "a series of increasing torque",
             )
             continue
-        fitting = [n for n, each in enumerate(candidates) if each[1] == expected.decreasing]
+        fitting = [n for n, step in enumerate(candidates) if step[1] == expected.decreasing]
         member, decreasing = candidates.pop(fitting[0] if fitting else 0)
         if expected.decreasing and not decreasing:
             yield _deviation(

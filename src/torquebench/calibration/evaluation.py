@@ -330,8 +330,8 @@ def evaluate_static(
     torque = np.atleast_1d(np.asarray(torque_nm, dtype=np.float64))
     _check(torque, series, resolution, reference_uncertainty_percent)
     positions: dict[float, list[FloatArray]] = {}
-    for each in series:
-        positions.setdefault(each.position_deg, []).append(each.increasing)
+    for loading in series:
+        positions.setdefault(loading.position_deg, []).append(loading.increasing)
     tables = [np.stack(rows) for rows in positions.values()]
     averaged = [rows[:1] if k == 0 and len(tables) > 1 and len(rows) == 2 else rows
                 for k, rows in enumerate(tables)]  # fmt: skip
@@ -343,7 +343,7 @@ def evaluate_static(
     number = np.sum(np.isfinite(of_position), axis=0)
     several = number > 1
     span = float(mean[-1])
-    returns = [abs(each.zero_return) for each in series if each.zero_return is not None]
+    returns = [abs(loading.zero_return) for loading in series if loading.zero_return is not None]
     spread = np.where(several, _range(of_position), np.nan)
     deviation = np.full(torque.size, np.nan)
     deviation[several] = np.nanstd(of_position[:, several], axis=0, ddof=1)
@@ -403,9 +403,11 @@ def _reversibility(series: Sequence[LoadingSeries], mean: FloatArray) -> FloatAr
     A decreasing series without its own increasing deflection is compared with the mean.
     """
     differences = [
-        np.abs(each.decreasing - np.where(np.isnan(each.increasing), mean, each.increasing))
-        for each in series
-        if each.decreasing is not None
+        np.abs(
+            loading.decreasing - np.where(np.isnan(loading.increasing), mean, loading.increasing)
+        )
+        for loading in series
+        if loading.decreasing is not None
     ]
     if not differences:
         return np.full(mean.size, np.nan)
@@ -445,8 +447,11 @@ def _check(
         )
     if not series:
         raise InputError("no series", "at least one increasing series")
-    for number, each in enumerate(series, start=1):
-        for name, values in (("increasing", each.increasing), ("decreasing", each.decreasing)):
+    for number, loading in enumerate(series, start=1):
+        for name, values in (
+            ("increasing", loading.increasing),
+            ("decreasing", loading.decreasing),
+        ):
             if values is not None and (values.shape != torque.shape or np.any(np.isinf(values))):
                 raise InputError(
                     Message(
@@ -454,17 +459,17 @@ def _check(
                     ),
                     Message("{size} deflections, one per step, NaN where unknown", torque.size),
                 )
-        if np.any(each.increasing <= 0):
+        if np.any(loading.increasing <= 0):
             raise InputError(
                 Message(
                     "series {number} has a deflection of {increasing:.6g}",
                     number,
-                    np.nanmin(each.increasing),
+                    np.nanmin(loading.increasing),
                 ),
                 "deflections above 0",
                 "subtract the zero of the series; give counter-clockwise torque as magnitudes",
             )
-    unknown = np.all([np.isnan(each.increasing) for each in series], axis=0)
+    unknown = np.all([np.isnan(loading.increasing) for loading in series], axis=0)
     if np.any(unknown):
         raise InputError(
             Message("no increasing deflection at {torque:g} N·m", torque[unknown][0]),

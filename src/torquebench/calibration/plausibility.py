@@ -152,12 +152,14 @@ def _zeros_moved(data: CalibrationData, points: CalibrationData) -> bool:
     from scipy.special import fdtri  # imported late: profiles don't need SciPy
 
     loaded = np.flatnonzero(~data.unloaded)
-    as_read, from_zeros = (each.subset(loaded).noise_floor() for each in (data, points))
+    as_read, from_zeros = (compared.subset(loaded).noise_floor() for compared in (data, points))
     if as_read is None or from_zeros is None or from_zeros.degrees_of_freedom < 1:
         return False
     series = np.unique(data.series).size
     limit = fdtri(max(series - 1, 1), from_zeros.degrees_of_freedom, 1.0 - FALSE_MOVE)
-    as_read_nm, from_zeros_nm = (each.standard_deviation_nm for each in (as_read, from_zeros))
+    as_read_nm, from_zeros_nm = (
+        compared.standard_deviation_nm for compared in (as_read, from_zeros)
+    )
     return bool(as_read_nm > limit**0.5 * from_zeros_nm)  # repeats may agree exactly
 
 

@@ -196,7 +196,7 @@ def own_steps(data: CalibrationData, named_nm: Sequence[float] = ()) -> Calibrat
         if not branches:
             continue
         rows = np.concatenate(branches)
-        branch = np.repeat(np.arange(len(branches)), [each.size for each in branches])
+        branch = np.repeat(np.arange(len(branches)), [branch_rows.size for branch_rows in branches])
         size = np.abs(data.standard_nm[rows])
         order = np.argsort(size, kind="stable")
         groups = [order[members] for members in _clusters(size[order], branch[order])]
@@ -212,7 +212,7 @@ def _clusters(size: FloatArray, branch: NDArray[np.intp]) -> list[slice]:
         np.arange(size.size),
         np.arange(size.size),
     )  # cluster's ends
-    members = [{int(each)} for each in branch]
+    members = [{int(number)} for number in branch]
     for k in np.argsort(np.diff(size) / size[1:], kind="stable"):
         low, high = int(begin[k]), int(end[k + 1])
         spread = 100.0 * (size[high] / size[low] - 1.0)

@@ -189,7 +189,7 @@ def compare_calibrations(registry: Registry, first: int, second: int) -> Calibra
         )
     before, after = (_compared(registry, entry) for entry in entries)
     low, high = _common(before.entry, after.entry)
-    chains = [load_chain(each.model.check_file()) for each in (before, after)]
+    chains = [load_chain(compared.model.check_file()) for compared in (before, after)]
     low = max(low, *(float(chain.curve.low_nm) for chain in chains))
     high = min(high, *(float(chain.curve.high_nm) for chain in chains))
     return CalibrationComparison(
@@ -277,10 +277,10 @@ def _readings(reading: FloatArray, branch: int, chains: list[MeasuringChain]) ->
     Their uncertainty contains the errors of the calibrations only.
     """
     calibrated_c = [
-        each.calibrated_c
+        effect.calibrated_c
         for chain in chains
-        for each in chain.stored
-        if isinstance(each, Temperature | MeasuredTemperature)
+        for effect in chain.stored
+        if isinstance(effect, Temperature | MeasuredTemperature)
     ]
     celsius = float(np.mean(calibrated_c)) if calibrated_c else None
     return Readings(
@@ -322,8 +322,11 @@ def _side_by_side(before: Torque, after: Torque, of_standard: frozenset[str]) ->
     first, second = _by_name(before), _by_name(after)
     for key in dict.fromkeys((*first, *second)):
         pair = [named.get(key) for named in (first, second)]
-        sizes = [nothing if each is None else nothing + each.uncertainty_nm for each in pair]
-        shared = next(each.shared for each in pair if each is not None)
+        sizes = [
+            nothing if component is None else nothing + component.uncertainty_nm
+            for component in pair
+        ]
+        shared = next(component.shared for component in pair if component is not None)
         rows = [(sizes[0], sizes[1])]
         if shared in (Shared.CALIBRATION, Shared.MOUNTING) and key[0] not in of_standard:
             rows = [(sizes[0], nothing), (nothing, sizes[1])]

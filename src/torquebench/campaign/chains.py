@@ -56,7 +56,7 @@ def remark_another_standard(
     """Call `remark` with a sentence if a table's U of the standard isn't the stated one."""
     if data.reference is not None and data.reference.certified != certified:
         noted, described = (
-            each.largest_nm(data.range_nm) for each in (data.reference.certified, certified)
+            standard.largest_nm(data.range_nm) for standard in (data.reference.certified, certified)
         )
         remark(
             Message(

@@ -159,8 +159,8 @@ def _modules(
 def _with_tables(fit: Fit) -> list[FittedModel]:
     """Fit the models, and evaluate each chain once, so that its table is compiled here."""
     fitted = fit()
-    for each in fitted:
-        each.chain.compensated(Readings(np.zeros(1)))
+    for model in fitted:
+        model.chain.compensated(Readings(np.zeros(1)))
     return fitted
 
 
@@ -196,7 +196,7 @@ def _verify(
         side,
         settings.verification,
         settings.seed,
-        metadata={REGISTERS: {"models": {name: each.model_id for name, each in models.items()}}},
+        metadata={REGISTERS: {"models": {name: entry.model_id for name, entry in models.items()}}},
         progress=progress,
     )
     verified = VERIFICATION.evaluate_and_register(station.registry, measured, progress)

@@ -147,7 +147,9 @@ def drift_of(
             series.append(
                 (Message("Span error {direction}{reach}", direction, reach), "%", values, True)
             )
-    ranges = {each.serial: each.range_nm for each in registry.equipment("transducer")}
+    ranges = {
+        transducer.serial: transducer.range_nm for transducer in registry.equipment("transducer")
+    }
     range_nm = ranges.get(serial)
     if range_nm:
         zeros = [

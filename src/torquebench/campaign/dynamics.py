@@ -198,7 +198,7 @@ def _interval(transfer: TransferFunction) -> float:
     """Return the longest round interval that allows three times the bandwidth."""
     most = 1.0 / (_FASTER * replace(transfer, window_s=0.0).bandwidth_hz())
     decade = 10.0 ** np.floor(np.log10(most))
-    return float(decade * max(each for each in (1.0, 2.0, 5.0) if each * decade <= most))
+    return float(decade * max(factor for factor in (1.0, 2.0, 5.0) if factor * decade <= most))
 
 
 @dataclass(frozen=True, eq=False)

@@ -98,7 +98,9 @@ def model_title(kind: str, parameters: Mapping[str, Any] | None = None) -> str:
     if stem == "polynomial" and degree.isdigit():
         kind, parameters = stem, {"degree": degree}
     if kind == "network" and parameters:
-        kind = next(name for name, each in NETWORKS.items() if each == parameters["training"])
+        kind = next(
+            name for name, training in NETWORKS.items() if training == parameters["training"]
+        )
     title = _TITLES.get(kind, kind)
     if kind != "polynomial":
         return title
@@ -348,12 +350,12 @@ def _kept(data: CalibrationData, examination: Examination, outliers: str) -> Cal
     if outliers == "refuse":
         raise InputError(
             Message.joined(
-                [_wrong_row(data, each.point, each.residual_nm) for each in wrong], "; "
+                [_wrong_row(data, outlier.point, outlier.residual_nm) for outlier in wrong], "; "
             ),
             "rows that agree with the others",
             "measure the point again, leave it out, or choose `--outliers downweight`",
         )
-    return data.subset(np.setdiff1d(np.arange(len(data)), [each.point for each in wrong]))
+    return data.subset(np.setdiff1d(np.arange(len(data)), [outlier.point for outlier in wrong]))
 
 
 def _wrong_row(data: CalibrationData, point: int, residual_nm: float) -> Message:
@@ -435,12 +437,14 @@ def _contradictions(
     if before is not None and feature_columns(before) <= COMPARED_COLUMNS:
         torque = np.full(len(data), np.nan)
         earlier = np.full(len(data), np.nan)
-        for each, values in ((model, torque), (before, earlier)):
-            inside = (data.reading_nm >= each.reading_low_nm_) & (
-                data.reading_nm <= each.reading_high_nm_
+        for compared_model, values in ((model, torque), (before, earlier)):
+            inside = (data.reading_nm >= compared_model.reading_low_nm_) & (
+                data.reading_nm <= compared_model.reading_high_nm_
             )
             if np.any(inside):
-                values[inside] = each.predict(data.features(each.n_features_in_)[inside])
+                values[inside] = compared_model.predict(
+                    data.features(compared_model.n_features_in_)[inside]
+                )
     return find_contradictions(
         data, limits, examination=examination, torque_nm=torque, before_nm=earlier
     )

@@ -98,7 +98,7 @@ def registers_calibration(models: Sequence[ModelChoice], active: str | None) -> 
 def registered_choices(metadata: Mapping[str, Any]) -> tuple[list[ModelChoice], str | None]:
     """Return the models in the record of a calibration's run, and the one to be put into use."""
     wanted = metadata.get(REGISTERS) or {"models": [{"name": RECOMMENDED}], "active": RECOMMENDED}
-    return [ModelChoice(**each) for each in wanted["models"]], wanted["active"]
+    return [ModelChoice(**choice) for choice in wanted["models"]], wanted["active"]
 
 
 def register_calibration(
@@ -286,5 +286,5 @@ def read_measured(folder: RunFolder) -> Measured[StaircaseResult]:
 
 
 def _placement(plain: Mapping[str, Any]) -> Placement:
-    rounds = tuple(AdaptiveRound(**each) for each in plain["rounds"])
+    rounds = tuple(AdaptiveRound(**entry) for entry in plain["rounds"])
     return Placement(**{**plain, "rounds": rounds})

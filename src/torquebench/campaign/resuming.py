@@ -448,4 +448,4 @@ def _first_of_position(steps: Sequence[Step], series: int) -> int:
         position += step.change != "none"
         if step.recorded:
             positions.setdefault(step.series, position)
-    return min(each for each, where in positions.items() if where == positions[series])
+    return min(first for first, where in positions.items() if where == positions[series])

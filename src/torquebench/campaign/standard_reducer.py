@@ -114,7 +114,9 @@ def within_certificate(
     """
     speeds = [point.speed_rpm for point in certified]
     high = min(speeds[-1], max_speed_rpm) if speeds else 0.0
-    wanted = tuple(each for each in settings.speeds_rpm if speeds and speeds[0] <= each <= high)
+    wanted = tuple(
+        speed_rpm for speed_rpm in settings.speeds_rpm if speeds and speeds[0] <= speed_rpm <= high
+    )
     wanted = wanted or tuple(speed for speed in speeds if speed <= high)
     if not wanted:
         raise InputError(
@@ -167,7 +169,7 @@ def check_standard_reducer(
             "name": reducer.name,
             "certificate": reducer.certificate,
             "tolerance_percent": tolerance_percent,
-            "certified_friction": [each.model_dump() for each in reducer.friction],
+            "certified_friction": [point.model_dump() for point in reducer.friction],
         }
     }
     options["metadata"] = {**metadata, **options.get("metadata", {})}

@@ -64,8 +64,8 @@ class MeasuredPart:
     ) -> MeasuredPart:
         """Return a part from its values and standard uncertainties in the unit of full scale."""
         value, u = (
-            100.0 * float(np.max(np.abs(np.asarray(each)))) / full_scale
-            for each in (values, standard_u)
+            100.0 * float(np.max(np.abs(np.asarray(numbers)))) / full_scale
+            for numbers in (values, standard_u)
         )
         return cls(name, value, 2.0 * u, measured)
 
@@ -161,20 +161,20 @@ class Effect(ABC):
 
     def specification(self) -> dict[str, Any]:
         """Return kind and fields as JSON-ready values."""
-        return {"kind": self.kind, **{each.name: getattr(self, each.name) for each in fields(self)}}
+        return {"kind": self.kind, **{item.name: getattr(self, item.name) for item in fields(self)}}
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
+        for item in fields(self):
+            value = getattr(self, item.name)
             if isinstance(value, int | float) and not isfinite(value):
                 raise InputError(
-                    Message("{title}: {name} = {value}", self.title, each.name, value),
+                    Message("{title}: {name} = {value}", self.title, item.name, value),
                     "a finite number",
                 )
-            limit = each.metadata.get("least")
+            limit = item.metadata.get("least")
             if limit is not None and value is not None and value < limit:
                 raise InputError(
-                    Message("{title}: {name} = {value}", self.title, each.name, value),
+                    Message("{title}: {name} = {value}", self.title, item.name, value),
                     Message("{limit:g} or more", limit),
                 )
 

@@ -18,4 +18,4 @@ def between(nodes: FloatArray, low: float, high: float) -> FloatArray:
 
 def numbers(values: object) -> Numbers:
     """Return the numbers of an array as a tuple."""
-    return tuple(float(each) for each in np.asarray(values, dtype=np.float64).reshape(-1))
+    return tuple(float(value) for value in np.asarray(values, dtype=np.float64).reshape(-1))

@@ -55,7 +55,7 @@ def effect_from(specification: Mapping[str, Any]) -> Effect:
     except TypeError as problem:
         raise InputError(
             Message("effect {kind!r} with other fields ({problem})", kind, problem),
-            ", ".join(each.name for each in fields(EFFECTS[kind])),
+            ", ".join(item.name for item in fields(EFFECTS[kind])),
             "fit the chain again",
         ) from problem
 
@@ -156,7 +156,10 @@ class MeasuringChain:
     def switched_off(self) -> frozenset[str]:
         """Names of components that aren't corrected; their possible size is in U."""
         return frozenset(
-            name for each in self.stored if isinstance(each, SwitchedOff) for name in each.names
+            name
+            for effect in self.stored
+            if isinstance(effect, SwitchedOff)
+            for name in effect.names
         )
 
     def with_effects(self, effects: Iterable[Effect]) -> MeasuringChain:
@@ -254,11 +257,11 @@ class MeasuringChain:
     @property
     def turns(self) -> bool:
         """Whether effects of speed, temperature or acceleration were measured on this chain."""
-        return any(each.of_turning for each in self.stored)
+        return any(effect.of_turning for effect in self.stored)
 
     def unmeasured(self, readings: Readings) -> tuple[str, ...]:
         """Return the quantities that measured effects need and the readings lack."""
-        needed = [name for each in self.stored if each.of_turning for name in each.needs]
+        needed = [name for effect in self.stored if effect.of_turning for name in effect.needs]
         return tuple(
             name
             for name in dict.fromkeys(needed)
@@ -314,7 +317,7 @@ class MeasuringChain:
         if dynamics is None:
             return self, None
         follows = dynamics.recorded()
-        effects = tuple(follows if each is dynamics else each for each in self.stored)
+        effects = tuple(follows if effect is dynamics else effect for effect in self.stored)
         return replace(self, stored=effects), follows
 
     def stream(self) -> ChainStream:
@@ -486,9 +489,9 @@ def load_chain(path: str | Path) -> MeasuringChain:
 def _completed(effect: Effect, limit: Effect) -> Effect:
     """Return an effect with its missing limits taken from another effect of its kind."""
     taken = {
-        each.name: getattr(limit, each.name)
-        for each in fields(effect)
-        if getattr(effect, each.name) is None or each.name == "interval_h"
+        item.name: getattr(limit, item.name)
+        for item in fields(effect)
+        if getattr(effect, item.name) is None or item.name == "interval_h"
     }
     return replace(effect, record=f"{effect.record}; {limit.record}", **taken)
 

@@ -72,7 +72,7 @@ class TorqueParts:
     @classmethod
     def of(cls, torque: Torque) -> Self:
         """Split the uncertainty of torques into the groups."""
-        squares = {each.name: np.zeros(len(torque)) for each in fields(cls)}
+        squares = {item.name: np.zeros(len(torque)) for item in fields(cls)}
         for component in torque.components:
             squares[_part(component, torque.value_nm)] += np.square(component.uncertainty_nm)
         return cls(**{name: np.sqrt(square) for name, square in squares.items()})
@@ -82,19 +82,19 @@ class TorqueParts:
         """Concatenate the parts of several records; without records, the columns are empty."""
         return cls(
             *(
-                np.concatenate([getattr(part, each.name) for part in parts] or [np.zeros(0)])
-                for each in fields(cls)
+                np.concatenate([getattr(part, item.name) for part in parts] or [np.zeros(0)])
+                for item in fields(cls)
             )
         )
 
     def at(self, rows: slice | NDArray[np.generic]) -> Self:
         """Return the parts of selected torques."""
-        return type(self)(*(getattr(self, each.name)[rows] for each in fields(self)))
+        return type(self)(*(getattr(self, item.name)[rows] for item in fields(self)))
 
     @property
     def standard_uncertainty_nm(self) -> FloatArray:
         """Combined standard uncertainty u, N·m."""
-        squares = [np.square(getattr(self, each.name)) for each in fields(self)]
+        squares = [np.square(getattr(self, item.name)) for item in fields(self)]
         return np.asarray(np.sqrt(np.sum(squares, axis=0)))
 
 

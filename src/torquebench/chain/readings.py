@@ -152,5 +152,5 @@ def rows_of(readings: Readings, rows: slice) -> Readings:
         return value[rows] if isinstance(value, np.ndarray) and value.ndim else value
 
     return replace(
-        readings, **{each.name: chosen(getattr(readings, each.name)) for each in fields(Readings)}
+        readings, **{item.name: chosen(getattr(readings, item.name)) for item in fields(Readings)}
     )

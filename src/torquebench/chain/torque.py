@@ -363,15 +363,15 @@ def joined(parts: Sequence[Torque]) -> Torque:
         )
 
     components = tuple(
-        each._replace(
+        component._replace(
             uncertainty_nm=column(number, "uncertainty_nm"),
             value_nm=column(number, "value_nm"),
             place=None
-            if each.place is None
+            if component.place is None
             else np.concatenate([part.components[number].place for part in parts]),
             distribution=_joined_shapes(parts, number),
         )
-        for number, each in enumerate(first.components)
+        for number, component in enumerate(first.components)
     )
     return Torque(np.concatenate([part.value_nm for part in parts]), components)
 

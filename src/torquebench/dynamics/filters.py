@@ -172,7 +172,9 @@ class FilterStream:
         InputError
             Uncertainties of another shape, below 0 or not finite.
         """
-        samples, spread = (np.ascontiguousarray(each, np.float64) for each in (values, uncertainty))
+        samples, spread = (
+            np.ascontiguousarray(column, np.float64) for column in (values, uncertainty)
+        )
         if samples.ndim != 1 or spread.shape != samples.shape:
             raise InputError(
                 Message("samples {shape} and uncertainties {other}", samples.shape, spread.shape),

@@ -170,7 +170,7 @@ class _Prepared:
 
 def _prepare(run: Known) -> _Prepared:
     """Check a run, and return its reading and the spectrum of its torque."""
-    reading, torque = (np.asarray(each, np.float64) for each in (run.reading_nm, run.torque_nm))
+    reading, torque = (np.asarray(column, np.float64) for column in (run.reading_nm, run.torque_nm))
     if reading.ndim != 1 or reading.shape != torque.shape or reading.size < 50:
         raise InputError(
             Message(

@@ -170,9 +170,9 @@ def identify_vibration(steps: Steps) -> Vibration:
             Message("no vibration stands out of the noise of {noise_nm:.3g} N·m", sqrt(variance))
         )
     else:
-        for name, value, each in zip(_LARGEST_RELATIVE, (frequency, damping), u, strict=True):
-            if not each <= _LARGEST_RELATIVE[name] * value:
-                what.append(Message("{name} {value:.4g} with u = {each:.2g}", name, value, each))
+        for name, value, value_u in zip(_LARGEST_RELATIVE, (frequency, damping), u, strict=True):
+            if not value_u <= _LARGEST_RELATIVE[name] * value:
+                what.append(Message("{name} {value:.4g} with u = {each:.2g}", name, value, value_u))
         if frequency > 0.98 * highest or frequency < 1.02 * _LOWEST_HZ:
             what.append(
                 Message(

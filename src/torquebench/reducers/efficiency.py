@@ -193,17 +193,23 @@ class EfficiencyMap:
         ideal = torque_nm / abs(self.ratio)
         between = float(weight @ drive)
         share = ideal / between if driving == "input" else between / ideal
-        if not all(np.isfinite(each.efficiency.standard_uncertainty) for each in chosen):
+        if not all(
+            np.isfinite(chosen_point.efficiency.standard_uncertainty) for chosen_point in chosen
+        ):
             return Budget(100.0 * share, inf, inf, (), "%")
         # An interpolated input torque and the efficiency have the same relative contributions.
         pull = weight * drive / between
         parts: list[BudgetLine] = []
-        for name in sorted({line.name for each in chosen for line in each.efficiency.lines}):
+        for name in sorted(
+            {line.name for chosen_point in chosen for line in chosen_point.efficiency.lines}
+        ):
             relative = np.zeros(len(chosen))
             freedom, shared = np.inf, Shared.NOTHING
-            for index, each in enumerate(chosen):
-                for line in (line for line in each.efficiency.lines if line.name == name):
-                    relative[index] = line.sensitivity * line.contribution / each.efficiency.value
+            for index, chosen_point in enumerate(chosen):
+                for line in (line for line in chosen_point.efficiency.lines if line.name == name):
+                    relative[index] = (
+                        line.sensitivity * line.contribution / chosen_point.efficiency.value
+                    )
                     freedom, shared = min(freedom, line.degrees_of_freedom), line.shared
             size = float(pull @ relative)
             if shared is Shared.NOTHING:
@@ -214,7 +220,7 @@ class EfficiencyMap:
 
     def quantities(self) -> tuple[ResultQuantity, ...]:
         """Return the values under their names, for tables and reports."""
-        return tuple(each.quantity for each in (*self.means, *self.points))
+        return tuple(item.quantity for item in (*self.means, *self.points))
 
     def limited(self, limits: DataSheetLimits) -> Iterator[LimitedQuantity]:
         """Return the values that the data sheet limits; those without a limit may be left out."""
@@ -392,11 +398,15 @@ def evaluate_efficiency(
     _check_gain(share, drive, load)
     rows = _Steady.of(samples, share, driving, float(ratio), resolution).without_outliers()
     uncertainties = [
-        _chosen(each, rows.samples["index"]) for each in (input_uncertainty, output_uncertainty)
+        _chosen(uncertainty_of_side, rows.samples["index"])
+        for uncertainty_of_side in (input_uncertainty, output_uncertainty)
     ]
     points = rows.points((uncertainties[0], uncertainties[1]))
     warmth = rows.samples.get("temperature_c", float("nan"))
-    stated = any(each is not None for each in (input_uncertainty, output_uncertainty))
+    stated = any(
+        uncertainty_of_side is not None
+        for uncertainty_of_side in (input_uncertainty, output_uncertainty)
+    )
     findings += _findings(points, warmth, rows.repeated, logged, stated)
     for point in points:
         if largest_share is not None:
@@ -409,7 +419,7 @@ def _chosen(known: KnownTorque | None, index: Floats) -> KnownTorque:
     """Return the uncertainties of selected points."""
     if known is None or isinstance(known, TorqueUncertainty):
         return known or TorqueUncertainty()
-    return [known[int(each)] for each in index]
+    return [known[int(row)] for row in index]
 
 
 @dataclass(frozen=True, eq=False)
@@ -569,7 +579,7 @@ class _Steady:
         here = np.zeros(self.share.size, dtype=np.bool_)
         here[rows] = True
         value = 100.0 * float(self.share[rows].mean())
-        drive, load = (float(samples[each].mean()) for each in ("input_nm", "output_nm"))
+        drive, load = (float(samples[column].mean()) for column in ("input_nm", "output_nm"))
         speed = float(samples["speed_rpm"].mean())
         turn = 1.0 if self.driving[rows[0]] == 1 else -1.0
         parts: list[BudgetLine] = []
@@ -671,7 +681,9 @@ def _both_directions(points: tuple[EfficiencyPoint, ...]) -> tuple[EfficiencyPoi
 def _mean(forward: EfficiencyPoint, other: EfficiencyPoint) -> EfficiencyPoint:
     """Return the mean of both directions of rotation: common errors stay, others average out."""
     parts = common_of_both(forward.efficiency, other.efficiency)
-    alone = [line for each in (forward, other) for line in each.efficiency.lines if not line.common]
+    alone = [
+        line for point in (forward, other) for line in point.efficiency.lines if not line.common
+    ]
     for name in dict.fromkeys(line.name for line in alone):
         both = [line for line in alone if line.name == name]
         size = float(np.linalg.norm([line.contribution for line in both]))

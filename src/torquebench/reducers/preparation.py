@@ -62,7 +62,8 @@ def finite_columns(least: int, **columns: ArrayLike) -> tuple[Floats, ...]:
 def _equal_columns(columns: Mapping[str, ArrayLike]) -> dict[str, Floats]:
     """Return columns as rows of floats; refuse different lengths."""
     rows = {
-        name: np.atleast_1d(np.asarray(each, dtype=np.float64)) for name, each in columns.items()
+        name: np.atleast_1d(np.asarray(values, dtype=np.float64))
+        for name, values in columns.items()
     }
     first = next(iter(rows))
     for name, row in rows.items():
@@ -147,7 +148,7 @@ class Samples:
 
     def where(self, rows: Mask | Indices) -> Samples:
         """Return the selected samples."""
-        columns = {name: each[rows] for name, each in self.columns.items()}
+        columns = {name: values[rows] for name, values in self.columns.items()}
         return replace(self, columns=columns, row=self.row[rows])
 
     def having(self, **columns: Floats) -> Samples:
@@ -167,7 +168,7 @@ class Samples:
         size = self.row.size
         parts = [np.ones(size, dtype=np.bool_)]
         if group is not None:
-            parts = [group == each for each in np.unique(group)]
+            parts = [group == number for number in np.unique(group)]
         for name, values in series.items():
             bad = np.zeros(size, dtype=np.bool_)
             for part in parts:
@@ -555,9 +556,9 @@ def windows_of(samples: Samples, steady: Sequence[str], measured: Sequence[str])
     sizes = np.array([part.stop - part.start for part in windows])
     columns = {
         name: np.array(
-            [np.median(each[part]) if name in SET else each[part].mean() for part in windows]
+            [np.median(values[part]) if name in SET else values[part].mean() for part in windows]
         )
-        for name, each in samples.columns.items()
+        for name, values in samples.columns.items()
     }
     for name in measured:
         means = [

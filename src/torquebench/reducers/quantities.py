@@ -161,7 +161,7 @@ def common_of_both(first: Budget, second: Budget) -> list[BudgetLine]:
     for line in (*first.lines, *second.lines):
         if line.common:
             lines.setdefault((line.name, line.shared), []).append(line)
-    return [together([(0.5, line) for line in each]) for each in lines.values()]
+    return [together([(0.5, line) for line in pair]) for pair in lines.values()]
 
 
 def together(weighted: Sequence[tuple[float, BudgetLine]]) -> BudgetLine:

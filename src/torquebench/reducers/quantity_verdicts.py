@@ -39,9 +39,9 @@ def verdicts(result: ReducerResult, description: ReducerDescription) -> tuple[Qu
         wasn't measured (no-load speed, efficiency point) gives no verdict.
     """
     return tuple(
-        _verdict(each)
-        for each in result.limited(description.limits)
-        if each.lower is not None or each.upper is not None
+        _verdict(quantity)
+        for quantity in result.limited(description.limits)
+        if quantity.lower is not None or quantity.upper is not None
     )
 
 

@@ -70,7 +70,7 @@ def errors_of_means(
     (1.15, 0.05)
     """
     value = np.asarray(values, dtype=np.float64)
-    place, sign, number = (np.asarray(each) for each in (point, direction, repeat))
+    place, sign, number = (np.asarray(labels) for labels in (point, direction, repeat))
     smallest, squares, freedom, fewest = np.inf, 0.0, 0, 0
     for name in np.unique(place):
         here = place == name

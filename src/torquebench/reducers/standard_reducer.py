@@ -124,7 +124,7 @@ def check_friction(
             "[[certified_friction]] with speed_rpm, torque_nm, expanded_uncertainty_nm",
             "enter its certificate in the reducer's description",
         )
-    speed, torque = (np.asarray(each, dtype=np.float64) for each in (speed_rpm, torque_nm))
+    speed, torque = (np.asarray(values, dtype=np.float64) for values in (speed_rpm, torque_nm))
     number = np.asarray(repeat)
     amount, forward = np.abs(speed), np.sign(speed) * torque
     speeds = [point.speed_rpm for point in certified]
@@ -137,17 +137,17 @@ def check_friction(
             "choose speeds within it",
         )
     points = []
-    for each in np.unique(amount):
-        at = amount == each
+    for step_rpm in np.unique(amount):
+        at = amount == step_rpm
         means = tuple(float(forward[at & (number == k)].mean()) for k in np.unique(number[at]))
-        certified_nm = float(np.interp(each, speeds, [point.torque_nm for point in certified]))
+        certified_nm = float(np.interp(step_rpm, speeds, [point.torque_nm for point in certified]))
         stated = float(
-            np.interp(each, speeds, [point.expanded_uncertainty_nm for point in certified])
+            np.interp(step_rpm, speeds, [point.expanded_uncertainty_nm for point in certified])
         )
         error, spread = float(np.mean(means)) - certified_nm, max(means) - min(means)
         points.append(
             FrictionCheckPoint(
-                float(each),
+                float(step_rpm),
                 certified_nm,
                 stated,
                 means,

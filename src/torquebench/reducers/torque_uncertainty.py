@@ -78,7 +78,7 @@ def over(known: KnownTorque, rows: NDArray[np.bool_] | None = None) -> TorqueUnc
     chosen = list(known if rows is None else compress(known, rows))
     return TorqueUncertainty(
         **{
-            each.name: float(np.sqrt(np.mean([getattr(one, each.name) ** 2 for one in chosen])))
-            for each in fields(TorqueUncertainty)
+            item.name: float(np.sqrt(np.mean([getattr(one, item.name) ** 2 for one in chosen])))
+            for item in fields(TorqueUncertainty)
         }
     )

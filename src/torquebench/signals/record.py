@@ -104,7 +104,7 @@ class Record:
         if len(records) == 1:
             return first
         return cls.unchecked(
-            {name: np.concatenate([each._columns[name] for each in records]) for name in first},
+            {name: np.concatenate([record._columns[name] for record in records]) for name in first},
             sum(map(len, records)),
         )
 

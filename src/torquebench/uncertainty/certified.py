@@ -196,7 +196,7 @@ class CertifiedUncertainty:
 
     def largest_nm(self, range_nm: float) -> float:
         """Return the largest U up to a torque, N·m."""
-        inside = [each for each in self.torque_nm if abs(each) <= range_nm]
+        inside = [certified_nm for certified_nm in self.torque_nm if abs(certified_nm) <= range_nm]
         return float(np.max(self.at([-range_nm, range_nm, *inside])))
 
 

@@ -316,7 +316,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
             "start_s": self._start_s,
             "stop_s": self._stop_s,
             "samples": sum(
-                each.time_s.size for each in (self.taken, self.fast) if each is not None
+                record.time_s.size for record in (self.taken, self.fast) if record is not None
             ),
         }
         self._start_s = self._stop_s

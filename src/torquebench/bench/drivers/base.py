@@ -363,7 +363,9 @@ class DriverSet:
         parts += [self.modes, self.clamp, self.temperature, self.rail, self.supply]
         instruments: list[Identity] = []
         for number, part in enumerate(parts):
-            if isinstance(part, Identified) and not any(part is each for each in parts[:number]):
+            if isinstance(part, Identified) and not any(
+                part is earlier for earlier in parts[:number]
+            ):
                 instruments.append(part.identity())
         return instruments
 

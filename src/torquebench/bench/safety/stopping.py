@@ -172,7 +172,7 @@ class ReadBack:
 
 def remaining_in_words(remaining: Iterable[Remaining]) -> str:
     """Describe the remaining torque and power of the sides."""
-    return Message.joined((each.words for each in remaining if not each.gone), "; ")
+    return Message.joined((side.words for side in remaining if not side.gone), "; ")
 
 
 class StopSequence:
@@ -284,12 +284,12 @@ class StopSequence:
     def _await_off(self, now_s: float) -> None:
         """Read back whether power and torque are zero; raise an alarm if they aren't in time."""
         remaining = self.remaining()
-        unsafe = [each for each in remaining if each.known]
-        if all(each.gone for each in remaining):
+        unsafe = [rest for rest in remaining if rest.known]
+        if all(rest.gone for rest in remaining):
             self.powered = False
         if not unsafe:
             # A torque that can't be read only delays the acknowledgement.
-            if all(each.gone for each in remaining) or self._unread.passed(now_s):
+            if all(rest.gone for rest in remaining) or self._unread.passed(now_s):
                 self.stage = Stage.SAFE
                 self._ended.set()
             return
@@ -300,7 +300,7 @@ class StopSequence:
             self._ended.set()
         if time.monotonic() - self._told_wall > RETOLD_S:
             self._told_wall = time.monotonic()
-            for side in (each.side for each in unsafe if each.power is not False):
+            for side in (rest.side for rest in unsafe if rest.power is not False):
                 if self._workers[side].idle:
                     self._workers[side].disable(lambda _told: None)
 
@@ -318,14 +318,14 @@ class StopSequence:
 
     def _differs(self, known: Sequence[Remaining]) -> bool:
         """Return whether the power state has changed, or the torque by 5 % of the range."""
-        if [(each.side, each.power) for each in known] != [
-            (each.side, each.power) for each in self._stated
+        if [(rest.side, rest.power) for rest in known] != [
+            (rest.side, rest.power) for rest in self._stated
         ]:
             return True
         return any(
-            abs(each.torque_nm - before.torque_nm)
-            > NEWS * self._description.module(each.side).range_nm
-            for each, before in zip(known, self._stated, strict=True)
+            abs(rest.torque_nm - before.torque_nm)
+            > NEWS * self._description.module(rest.side).range_nm
+            for rest, before in zip(known, self._stated, strict=True)
         )
 
     def _watch_torque_go(self, now_s: float) -> Violation | None:
@@ -333,17 +333,17 @@ class StopSequence:
         if self._off_s is None:
             self._off_s = now_s
         remaining = self.read_back.remaining(self._off_s, self._began, torque=True)
-        if all(each.gone for each in remaining):
+        if all(rest.gone for rest in remaining):
             self.powered, self._off_s = False, None
             if self._remains is not None:
                 self._book.clear(self._remains)
                 self._remains = None
             return None
-        loaded = [each for each in remaining if abs(each.torque_nm) > 0.0]
+        loaded = [rest for rest in remaining if abs(rest.torque_nm) > 0.0]
         if not loaded or now_s - self._off_s <= GOING_OFF_S:
             return None
         violation = self.not_safe(loaded)
-        if any(abs(each.torque_nm) > self.much_nm(each.side) for each in loaded):
+        if any(abs(rest.torque_nm) > self.much_nm(rest.side) for rest in loaded):
             return violation
         if self._remains is None:
             warning = replace(
@@ -361,7 +361,7 @@ class StopSequence:
 
     def not_safe(self, remaining: Sequence[Remaining]) -> Violation:
         """Return the violation about remaining power and torque."""
-        sides = " and ".join(each.side for each in remaining)
+        sides = " and ".join(rest.side for rest in remaining)
         return Violation(
             AlarmKind.NOT_SAFE,
             sides,
@@ -382,10 +382,10 @@ class StopSequence:
                 self._workers[side].wait_asked(GOING_OFF_S)
             remaining = self.read_back.remaining(begun_s, begun, torque=torque)
             left = [
-                each
-                for each in remaining
-                if each.side in sides
-                and (each.power is not False or abs(each.torque_nm) > self.much_nm(each.side))
+                rest
+                for rest in remaining
+                if rest.side in sides
+                and (rest.power is not False or abs(rest.torque_nm) > self.much_nm(rest.side))
             ]
             if not left:
                 return None
@@ -393,4 +393,4 @@ class StopSequence:
                 break
             time.sleep(READ_PERIOD_S)
         remaining = self.read_back.remaining(begun_s, begun, torque=True)
-        return self.not_safe([each for each in remaining if each.side in sides])
+        return self.not_safe([rest for rest in remaining if rest.side in sides])

@@ -171,7 +171,7 @@ class SafetySupervisor:
         """
         if self._commands.any_enabled and self._book.latched is None:
             return ()
-        return [each for each in self._stop.remaining() if not each.gone]
+        return [rest for rest in self._stop.remaining() if not rest.gone]
 
     def acknowledge(self, who: str, seen: Collection[int] | None = None) -> Alarm | None:
         """Acknowledge the latched alarm after the safe state was read back; return this alarm.
@@ -203,7 +203,7 @@ class SafetySupervisor:
                     "wait a moment",
                 )
             if still := self.still_on():
-                certain = self._stop.stage is Stage.NOT_SAFE or any(each.power for each in still)
+                certain = self._stop.stage is Stage.NOT_SAFE or any(rest.power for rest in still)
                 raise InterlockError(
                     Message("alarm {alarm}, {still}", alarm.kind.value, remaining_in_words(still)),
                     self._stop.read_back.allowed(),

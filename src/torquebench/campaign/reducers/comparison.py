@@ -169,19 +169,19 @@ def compared(specimens: Sequence[SpecimenResults], *, change: bool = False) -> R
 
 def _check(found: Sequence[SpecimenResults], change: bool) -> None:
     """Refuse runs that can't be compared: of several tests or reducers, or of one specimen."""
-    different = len({each.run_id for each in found})
+    different = len({specimen.run_id for specimen in found})
     if different < max(2, len(found)):
         raise InputError(
             Message("{count} runs, {different} of them different", len(found), different),
             "two runs or more",
         )
     for what in ("test", "reducer"):
-        names = sorted({getattr(each, what) for each in found})
+        names = sorted({getattr(specimen, what) for specimen in found})
         if len(names) > 1:
             raise InputError(
                 Message("runs of {names}", " and ".join(names)), Message("one {what}", what)
             )
-    serials = [each.serial for each in found]
+    serials = [specimen.serial for specimen in found]
     named = ", ".join(serial or "no serial" for serial in serials)
     if change and (len(found) != 2 or len(set(serials)) > 1):
         raise InputError(

@@ -119,11 +119,11 @@ class RecordedTest:
         evaluation = work.evaluate(bench, self.reducer, self.recording)
         unsampled = work.unsampled(self.settings)
         evaluation = replace(
-            evaluation, remarks=(*evaluation.remarks, *(each.remark for each in unsampled))
+            evaluation, remarks=(*evaluation.remarks, *(entry.remark for entry in unsampled))
         )
         result = PartlySampled(evaluation.result, unsampled)
         judged = verdicts(result, self.reducer)
         budgets = {quantity.key: quantity.estimate for quantity in result.quantities()}
-        budgets |= {each.key: each.estimate for each in judged}
+        budgets |= {entry.key: entry.estimate for entry in judged}
         quantities = result_quantities(result, judged, conditional=self.short)
         return EvaluatedTest(bench, evaluation, quantities, budgets)

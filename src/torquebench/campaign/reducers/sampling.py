@@ -125,8 +125,8 @@ class PartlySampled:
 
     def limited(self, limits: DataSheetLimits) -> Iterator[LimitedQuantity]:
         """Return the values that the data sheet limits."""
-        for each in self.result.limited(limits):
-            yield replace(each, estimate=self._widened(each.estimate))
+        for limited_quantity in self.result.limited(limits):
+            yield replace(limited_quantity, estimate=self._widened(limited_quantity.estimate))
 
     def _widened(self, estimate: Budget) -> Budget:
         """Return an estimate with the influences that weren't sampled in its budget."""
@@ -134,7 +134,7 @@ class PartlySampled:
             return estimate
         sampled = [line.times(1.0) for line in estimate.lines]
         added = [
-            BudgetLine(each.name, each.standard_uncertainty(estimate.value))
-            for each in self.unsampled
+            BudgetLine(influence.name, influence.standard_uncertainty(estimate.value))
+            for influence in self.unsampled
         ]
         return budget(estimate.value, estimate.unit, [*sampled, *added])

@@ -70,7 +70,7 @@ class ReducerTestSettings:
     def longest(self) -> Self:
         """Return the settings with the largest number of repeats that tests may add."""
         repeated = {name: self.repeated(name) for name in self.plans}
-        return self.with_plans({name: each.longest() for name, each in repeated.items() if each})
+        return self.with_plans({name: plan.longest() for name, plan in repeated.items() if plan})
 
     def with_repeats(self, most: int) -> Self:
         """Return the settings with at most so many repeats of running tests and of the empty run.
@@ -86,7 +86,7 @@ class ReducerTestSettings:
         if most < 1:
             raise InputError(Message("{most} repeats", most), "at least 1")
         repeated = {name: self.repeated(name) for name in self.plans}
-        changed = {name: each.with_repeats(most) for name, each in repeated.items() if each}
+        changed = {name: plan.with_repeats(most) for name, plan in repeated.items() if plan}
         empty = self.empty_run
         return replace(
             self.with_plans(changed),

@@ -53,7 +53,10 @@ def rehearse_reducer_test(
     tests, devices = chosen_tests(name), station.devices
     before = preparations(tests, limits, settings, rotating_sides(station))
     parts = [
-        _rehearsed(each.name, each.title, rehearse(devices, each.plan(devices))) for each in before
+        _rehearsed(
+            preparation.name, preparation.title, rehearse(devices, preparation.plan(devices))
+        )
+        for preparation in before
     ]
     for test in tests:
         plan, repeated = test.work().plan, settings.repeated(test.name)

@@ -62,8 +62,8 @@ def twist_compliances(recording: BenchTwistRecording) -> dict[Side, TwistComplia
     """Return the twist of every side that was loaded against the held calibrator."""
     source = Message("measured against {serial}", recording.standard_serial)
     return {
-        side: twist_compliance(each.torque_nm(side), each.angle_rad(side), source)
-        for side, each in recording.recordings.items()
+        side: twist_compliance(recorded.torque_nm(side), recorded.angle_rad(side), source)
+        for side, recorded in recording.recordings.items()
     }
 
 
@@ -81,7 +81,7 @@ def twist_compliance(torque_nm: FloatArray, angle_rad: FloatArray, source: str) 
     source : str
         Source of the values.
     """
-    slope, offset = (float(each) for each in np.polyfit(torque_nm, angle_rad, 1))
+    slope, offset = (float(coefficient) for coefficient in np.polyfit(torque_nm, angle_rad, 1))
     largest = float(np.max(np.abs(torque_nm)))
     rising = _rising(torque_nm)
     singles = [

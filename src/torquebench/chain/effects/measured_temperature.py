@@ -82,7 +82,7 @@ class MeasuredTemperature(Effect):
     def _curves(self) -> FloatArray:
         nothing = np.zeros(len(self.at_c))
         curves = (self.zero_nm, self.zero_uncertainty_nm, self.span, self.span_uncertainty)
-        return np.array([each or nothing for each in curves])
+        return np.array([curve or nothing for curve in curves])
 
     @cached_property
     def _curves_and_slopes(self) -> FloatArray:

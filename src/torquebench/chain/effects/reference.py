@@ -42,7 +42,9 @@ class Reference(Effect):
 
     def gaps(self) -> tuple[str, ...]:
         """Name temperature and drift, as far as their limits are unknown."""
-        return tuple(name for each, name in self.LIMITS.items() if getattr(self, each) is None)
+        return tuple(
+            name for attribute, name in self.LIMITS.items() if getattr(self, attribute) is None
+        )
 
     def components(self, readings: Readings, torque_nm: Values) -> tuple[Component, ...]:
         """Return half of U, and the limits; an error of the span affects both directions."""
@@ -59,8 +61,8 @@ class Reference(Effect):
     def larger(self, other: Reference) -> Reference:
         """Return the effect for points of two standards: the larger uncertainties count."""
         records = dict.fromkeys([*self.record.split("; "), *other.record.split("; ")])
-        pairs = {each: (getattr(self, each), getattr(other, each)) for each in self.LIMITS}
-        limits = {each: None if None in pair else max(pair) for each, pair in pairs.items()}
+        pairs = {limit: (getattr(self, limit), getattr(other, limit)) for limit in self.LIMITS}
+        limits = {limit: None if None in pair else max(pair) for limit, pair in pairs.items()}
         return Reference("; ".join(records), self.certified.larger(other.certified), **limits)
 
     def specification(self) -> dict[str, Any]:
@@ -70,7 +72,7 @@ class Reference(Effect):
             "record": self.record,
             "torque_nm": list(self.certified.torque_nm),
             "expanded_uncertainty_nm": list(self.certified.expanded_nm),
-            **{each: getattr(self, each) for each in self.LIMITS},
+            **{limit: getattr(self, limit) for limit in self.LIMITS},
         }
 
     @classmethod

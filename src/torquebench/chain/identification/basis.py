@@ -70,8 +70,8 @@ class Circumstances:
     def of(cls, size: int, **known: FloatArray | float) -> Circumstances:
         """Return conditions that are 0 except for the given ones."""
         values = {
-            each.name: np.broadcast_to(np.asarray(known.get(each.name, 0.0), float), (size,))
-            for each in fields(cls)
+            item.name: np.broadcast_to(np.asarray(known.get(item.name, 0.0), float), (size,))
+            for item in fields(cls)
         }
         return cls(**values)
 
@@ -80,7 +80,7 @@ class Circumstances:
 
     def at(self, rows: slice | NDArray[np.intp]) -> Circumstances:
         """Return the conditions of some rows."""
-        return Circumstances(*(getattr(self, each.name)[rows] for each in fields(self)))
+        return Circumstances(*(getattr(self, item.name)[rows] for item in fields(self)))
 
 
 def direction(speed_rpm: FloatArray) -> FloatArray:

@@ -48,7 +48,7 @@ def identify_lubrication(
     InputError
         The chain has no measured rotation, or the run doesn't show the factor.
     """
-    rotation = next((each for each in effects if isinstance(each, MeasuredRotation)), None)
+    rotation = next((effect for effect in effects if isinstance(effect, MeasuredRotation)), None)
     if rotation is None:
         raise InputError(
             "a chain without measured drag of its bearings",
@@ -79,10 +79,10 @@ def identify_lubrication(
     cell = turning * (1.0 + np.floor((_BINS - 1e-9) * np.abs(run.speed_rpm) / largest))
     cell[~np.isfinite(corrected)] = np.nan
     means = []
-    for each in np.unique(cell[np.isfinite(cell) & (drag != 0.0)]):
-        rows = cell == each
+    for number in np.unique(cell[np.isfinite(cell) & (drag != 0.0)]):
+        rows = cell == number
         if np.sum(rows) >= _FEWEST_IN_BIN:
-            means.append((each, np.mean(drag[rows]), np.mean(corrected[rows])))
+            means.append((number, np.mean(drag[rows]), np.mean(corrected[rows])))
     ahead = sum(mean[0] > 0.0 for mean in means)
     back = len(means) - ahead
     if min(ahead, back) < _FEWEST_SPEEDS:

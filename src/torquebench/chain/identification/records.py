@@ -202,7 +202,7 @@ def usual_points(speed_rpm: FloatArray, temperature_c: FloatArray) -> NDArray[np
     usual = still if still.any() else np.ones(still.size, dtype=bool)
     ordered = np.sort(temperature_c[usual])
     above, below = (
-        np.searchsorted(ordered, temperature_c[usual] + each) for each in (SAME_K, -SAME_K)
+        np.searchsorted(ordered, temperature_c[usual] + offset_k) for offset_k in (SAME_K, -SAME_K)
     )
     most = float(temperature_c[usual][np.argmax(above - below)])
     return np.asarray(usual & (np.abs(temperature_c - most) <= SAME_K))
@@ -219,7 +219,7 @@ def stretches(speed_rpm: FloatArray | None, temperature_c: FloatArray | None) ->
     >>> stretches(np.array([0.0, 0.0, 300.0, 301.0]), None)
     array([1, 1, 2, 2])
     """
-    measured = [each for each in (speed_rpm, temperature_c) if each is not None]
+    measured = [condition for condition in (speed_rpm, temperature_c) if condition is not None]
     changed = np.zeros(measured[0].size - 1 if measured else 0, dtype=bool)
     if speed_rpm is not None:
         changed |= np.abs(np.diff(speed_rpm)) > np.maximum(0.05 * np.abs(speed_rpm[1:]), 1.0)

@@ -129,7 +129,7 @@ def _standing_out(rows: Sequence[_Rows]) -> list[int]:
     orders = list(ORDERS)
     variance = _residual_variance(rows)
     for order in ORDERS:
-        without = [each for each in orders if each != order]
+        without = [other for other in orders if other != order]
         part = [row.chosen(_members(without)) for row in rows] if without else None
         before = [row.chosen(_members(orders)) for row in rows]
         squares = _squares(part) if part else sum(float(row.target @ row.target) for row in rows)

@@ -248,8 +248,8 @@ class _Data:
         if loaded.any() and np.ptp(warm[loaded]) >= LEAST_KELVIN:
             groups.add("span")
         driven = [run.speed_rpm for run in runs] or [calibration.speed_rpm]
-        turning = np.concatenate([direction(each) for each in driven])
-        speeds = [each[direction(each) != 0] for each in driven]
+        turning = np.concatenate([direction(speed_rpm) for speed_rpm in driven])
+        speeds = [speed_rpm[direction(speed_rpm) != 0] for speed_rpm in driven]
         shares = np.unique(
             np.round(20.0 * np.concatenate([*speeds, np.zeros(0)]) / self.largest_rpm)
         )
@@ -618,7 +618,7 @@ def _rotation(fit: _Fit) -> MeasuredRotation:
     warm = _warm_nodes(data)
     largest = 1.1 * data.largest_rpm
     speeds = np.concatenate([[0.0], np.geomspace(largest / 600.0, largest, _SPEED_NODES)])
-    grid_n, grid_c = (each.ravel() for each in np.meshgrid(speeds, warm, indexing="ij"))
+    grid_n, grid_c = (grid.ravel() for grid in np.meshgrid(speeds, warm, indexing="ij"))
     at = Circumstances.of(
         grid_n.size,
         speed=grid_n / data.largest_rpm,
@@ -650,7 +650,7 @@ def _rotation(fit: _Fit) -> MeasuredRotation:
     along = Circumstances.of(speeds.size, share=1.0, speed=speeds / data.largest_rpm, turning=1.0)
     if "load" in data.groups:
         loads = np.linspace(0.0, 1.1, 12)
-        grid_n, grid_x = (each.ravel() for each in np.meshgrid(speeds, loads, indexing="ij"))
+        grid_n, grid_x = (grid.ravel() for grid in np.meshgrid(speeds, loads, indexing="ij"))
         at = Circumstances.of(
             grid_n.size, share=grid_x, speed=grid_n / data.largest_rpm, turning=1.0
         )
@@ -685,7 +685,7 @@ def _noise(fit: _Fit, shares: FloatArray) -> FloatArray:
     if still.size < _FEWEST_IN_BIN:
         return np.zeros(shares.size)
     middle = np.linspace(0.05, 0.95, 10)
-    bins = [left[np.abs(size - each) <= 0.05] for each in middle]
+    bins = [left[np.abs(size - centre) <= 0.05] for centre in middle]
     filled = [number for number, rows in enumerate(bins) if rows.size >= _FEWEST_IN_BIN]
     at_rest = float(np.mean(still**2))
     points = at_rest if fit.data.point_noise is None else (fit.data.point_noise / _UNIT) ** 2

@@ -195,7 +195,7 @@ class RunningTable:
 
     def _interval(self, side: Side) -> NDArray[np.int64]:
         """Return the number of the last zero before each point."""
-        at = [each[0] for each in self.zeros[side]]
+        at = [zeroing[0] for zeroing in self.zeros[side]]
         return np.maximum(np.searchsorted(at, self._column(side, "time_s")) - 1, 0)
 
     def _drift(self, side: Side) -> tuple[FloatArray, float]:

@@ -168,7 +168,7 @@ def transmission_error(
     description = devices.context.description
     certificates = encoder_certificates(description, devices.context.drivers.encoder_certificates)
     return TransmissionRecording(
-        directions=tuple(_corrected(each, certificates) for each in recordings),
+        directions=tuple(_corrected(recording, certificates) for recording in recordings),
         output_rpm=settings.output_rpm,
         revolutions=settings.revolutions,
         temperature_c=float(np.mean(temperature)),

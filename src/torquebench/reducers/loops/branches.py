@@ -59,7 +59,7 @@ class Recording:
 
     def at(self, rows: Indices) -> Recording:
         """Return some of the samples."""
-        loop, time = (None if each is None else each[rows] for each in (self.loop, self.time))
+        loop, time = (None if values is None else values[rows] for values in (self.loop, self.time))
         return Recording(
             self.torque[rows],
             self.angle[rows],
@@ -297,7 +297,7 @@ def _of_counts(torque: Floats, angle: Floats, subtracted: Floats, step: float) -
     passed = passed[inside]
     end = np.append(begin[1:], passed.size) - 1
     middle = 0.5 * (passed[begin] + passed[end]) + 0.5
-    load, shift = (0.5 * (each[place - 1] + each[place]) for each in (torque, subtracted))
+    load, shift = (0.5 * (values[place - 1] + values[place]) for values in (torque, subtracted))
     between = float(np.median(np.abs(np.diff(torque)))) * _slope(torque, angle)
     # The variance of a passage comes from the spacing of the samples and from the length of its
     # chatter.

@@ -314,20 +314,20 @@ class _Quantities:
         The lines are scatter between loops and positions, noise, resolution and drift.
         """
         pairs = [
-            (each, other)
-            for each, other in zip(self.evaluated.loops, self.evaluated.drifting, strict=True)
-            if position is None or each.position == position
+            (loop, other)
+            for loop, other in zip(self.evaluated.loops, self.evaluated.drifting, strict=True)
+            if position is None or loop.position == position
         ]
-        features = [choose(each) for each, _ in pairs]
+        features = [choose(loop) for loop, _ in pairs]
         value, parts = over_positions(
             np.array([feature.value for feature in features]),
-            np.array([each.position for each, _ in pairs]),
+            np.array([loop.position for loop, _ in pairs]),
             noise=float(np.sqrt(np.mean([feature.noise**2 for feature in features]))),
         )
         drift = np.mean(
             [
-                self.evaluated.share.get(each.position, 0.0) * (of.value - choose(other).value)
-                for of, (each, other) in zip(features, pairs, strict=True)
+                self.evaluated.share.get(loop.position, 0.0) * (of.value - choose(other).value)
+                for of, (loop, other) in zip(features, pairs, strict=True)
             ]
         )
         common = (

@@ -68,7 +68,8 @@ def features_of(
                 closure_rad=closure,
                 closure_noise_rad=noise,
                 slope_at_zero=0.5 * abs(u[0].slope + d[0].slope),
-                slope_at_lost_motion=0.25 * abs(sum(each.slope for each in (*u[1:], *d[1:]))),
+                slope_at_lost_motion=0.25
+                * abs(sum(key_point.slope for key_point in (*u[1:], *d[1:]))),
                 slope_difference_at_zero=abs(d[0].slope - u[0].slope),
                 largest_torque_nm=min(high, -low),
             )
@@ -88,7 +89,7 @@ def _read(sides: Sequence[Pieces], place: float, widest: float) -> list[Reading]
     if float(last.torque.min()) <= place <= float(last.torque.max()):
         return read([last], place, widest)
     (begun,) = read([first], place, widest)
-    ends = [read([each], 0.0, widest)[0] for each in (last, first)]
+    ends = [read([branch], 0.0, widest)[0] for branch in (last, first)]
     gap = ends[0].value - ends[1].value
     noise = float(np.linalg.norm([begun.noise, 0.5 * ends[0].noise, 0.5 * ends[1].noise]))
     between = float(np.hypot(begun.between, gap / 12.0**0.5))
@@ -195,7 +196,7 @@ def _compliance(pieces: Pieces, sign: int, low_nm: float, high_nm: float) -> Fea
 
 def _line(x: Floats, y: Floats, weight: Floats) -> tuple[float, float]:
     """Return the slope of a weighted line, and the factor from noise to its standard error."""
-    x, y = (each - np.average(each, weights=weight) for each in (x, y))
+    x, y = (values - np.average(values, weights=weight) for values in (x, y))
     squares = float(weight @ x**2)
     return float(weight @ (x * y)) / squares, float(np.linalg.norm(weight * x)) / squares
 

@@ -100,7 +100,7 @@ def torque_at_flange(
     >>> round(float(np.ptp(read)), 3), round(float(np.ptp(torque[5:-5])), 3)
     (0.079, 0.0)
     """
-    time, angle = (np.asarray(each, dtype=np.float64) for each in (time_s, angle_rad))
+    time, angle = (np.asarray(values, dtype=np.float64) for values in (time_s, angle_rad))
     torque = np.array(torque_nm, dtype=np.float64)
     if not (torque.ndim == 1 and time.shape == angle.shape == torque.shape):
         raise InputError(

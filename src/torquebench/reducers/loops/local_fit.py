@@ -87,7 +87,7 @@ def read(branches: Sequence[Branch], place: float, widest: float) -> list[Readin
     beside = [
         np.abs(x[k - 1 : k + 1] - place).max() for (x, _), k in zip(knots, after, strict=True)
     ]
-    half, noise = float(max(beside)) * (1.0 + 1e-9), [each.noise for each in branches]
+    half, noise = float(max(beside)) * (1.0 + 1e-9), [branch.noise for branch in branches]
     low, high = -np.inf, np.inf
     agreeing: list[list[tuple[float, float, float]]] = []
     while True:
@@ -95,14 +95,14 @@ def read(branches: Sequence[Branch], place: float, widest: float) -> list[Readin
         fits = [_parabola(x[m] - place, y[m]) for (x, y), m in zip(knots, inside, strict=True)]
         value, _, gain = np.transpose(fits)
         scatter = float(np.linalg.norm(gain * noise)) / len(branches)
-        step = float(np.mean(gain * [each.step for each in branches]))
+        step = float(np.mean(gain * [branch.step for branch in branches]))
         reach = CONFIDENCE * float(np.hypot(scatter, step))
         low, high = max(low, value.mean() - reach), min(high, value.mean() + reach)
         if agreeing and low > high:
             agreeing = agreeing[: max(1, len(agreeing) - NARROWER)]
             break
         agreeing.append(fits)
-        if half >= widest or all(each.all() for each in inside):
+        if half >= widest or all(used.all() for used in inside):
             break
         half = min(half * GROWTH, max(widest, half))
     readings = []

@@ -157,18 +157,18 @@ def find_ripple(torque: Floats, angle: Floats) -> Ripple | None:
         inside = np.flatnonzero(sign * torque[start:stop] > LOADED * largest)
         if inside.size >= 64:
             stretches.append(slice(start + inside[0], start + inside[-1] + 1))
-    lines = [each for each in (_line(torque[part], angle[part]) for part in stretches) if each]
+    lines = [line for line in (_line(torque[part], angle[part]) for part in stretches) if line]
     if 2 * len(lines) <= len(stretches):
         return None
-    period = float(np.median([each.period for each in lines]))
-    return Ripple(period, float(np.median([each.amplitude_nm for each in lines])))
+    period = float(np.median([line.period for line in lines]))
+    return Ripple(period, float(np.median([line.amplitude_nm for line in lines])))
 
 
 def _line(torque: Floats, angle: Floats) -> Ripple | None:
     """Return period and amplitude of a ripple in torque and angle; None without one."""
     quick, moved = _quick(torque), _quick(angle)
     window = np.hanning(quick.size)
-    power, both = (np.abs(np.fft.rfft(each * window)) ** 2 for each in (quick, moved))
+    power, both = (np.abs(np.fft.rfft(values * window)) ** 2 for values in (quick, moved))
     first, last = int(SLOWEST), int(quick.size / FASTEST)
     if last <= first + 2:
         return None

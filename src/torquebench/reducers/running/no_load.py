@@ -120,8 +120,8 @@ class NoLoadResult:
     def quantities(self) -> tuple[ResultQuantity, ...]:
         """Return the values under their names, for tables and reports."""
         rows = [
-            ResultQuantity(each.key, each.title, each.torque)
-            for each in (*self.means, *self.points)
+            ResultQuantity(item.key, item.title, item.torque)
+            for item in (*self.means, *self.points)
         ]
         rows += self.friction.quantities()
         if self.temperature_coefficient is not None:
@@ -142,7 +142,7 @@ class NoLoadResult:
         for number in np.unique(repeat):
             of = repeat == number
             # as in the point's mean, the inertia's torque cancels between the branches
-            means.append(np.mean([torque[of & (turn == each)].mean() for each in set(turn[of])]))
+            means.append(np.mean([torque[of & (turn == label)].mean() for label in set(turn[of])]))
         return float(np.ptp(means)) if len(means) > 1 else None
 
     def limited(self, limits: DataSheetLimits) -> Iterator[LimitedQuantity]:

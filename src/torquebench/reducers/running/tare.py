@@ -87,11 +87,11 @@ class Tare:
         apart = np.abs(np.asarray(speed_rpm)[:, None] - self.speed_rpm[None, :])
         empty = self.stated.at(np.argmin(apart, axis=1))
         components = []
-        for each in torque.components:
-            if each.shared in (Shared.CALIBRATION, Shared.MOUNTING):
-                for other in (one for one in empty.components if one.name == each.name):
-                    each = _difference(each, other)
-            components.append(each)
+        for component in torque.components:
+            if component.shared in (Shared.CALIBRATION, Shared.MOUNTING):
+                for other in (one for one in empty.components if one.name == component.name):
+                    component = _difference(component, other)
+            components.append(component)
         return Torque(torque.value_nm, tuple(components))
 
     def at(self, speed_rpm: float) -> TareValue:
@@ -123,7 +123,7 @@ class Tare:
             sign: np.polynomial.polynomial.polyval(abs(speed_rpm), coefficients.T)
             for sign, coefficients in self.coefficients.items()
         }
-        mean = {sign: float(each.mean()) for sign, each in values.items()}
+        mean = {sign: float(values_of_sign.mean()) for sign, values_of_sign in values.items()}
         squares = sum(float(np.sum((value - value.mean()) ** 2)) for value in values.values())
         freedom = sum(value.size - 1 for value in values.values())
         count = values[direction].size

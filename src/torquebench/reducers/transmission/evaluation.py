@@ -417,7 +417,7 @@ def _between_peaks(found: Revolution, known: AngleUncertainty, ratio: float) -> 
     places = found.angle_rad[[np.argmax(found.error_arcsec), np.argmin(found.error_arcsec)]]
     distance = float(places[0] - places[1])
     parts = (known.output_rad, distance), (known.input_rad / ratio, distance * ratio)
-    factors = [each * max(2.0**0.5, 2.0 * abs(np.sin(0.5 * delta))) for each, delta in parts]
+    factors = [spread * max(2.0**0.5, 2.0 * abs(np.sin(0.5 * delta))) for spread, delta in parts]
     return float(np.hypot(*factors)) / ARCSEC
 
 

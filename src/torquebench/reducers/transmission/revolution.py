@@ -121,7 +121,7 @@ def _thinned(run: Run, highest_order: float) -> tuple[Floats, Floats, float]:
     count = max(1, int(angle.size / turns / (PER_PERIOD * highest_order)))
     if count > 1:
         size = angle.size // count * count
-        angle, error = (each[:size].reshape(-1, count).mean(axis=1) for each in (angle, error))
+        angle, error = (values[:size].reshape(-1, count).mean(axis=1) for values in (angle, error))
     step = float(angle[-1] - angle[0]) / max(angle.size - 1, 1)
     width = step * (1.0 - 1.0 / count)  # from the first to the last sample of a block
     turned = angle + error

@@ -312,7 +312,7 @@ def _slope(
     products = squares = 0.0
     for swing in swings:
         inside = (swing.angle_rad > low) & (swing.angle_rad < high)
-        angle, error = (each[inside] for each in (swing.angle_rad, swing.error_rad))
+        angle, error = (values[inside] for values in (swing.angle_rad, swing.error_rad))
         if angle.size > 2:
             products += float((angle - angle.mean()) @ (error - error.mean()))
             squares += float((angle - angle.mean()) @ (angle - angle.mean()))

@@ -319,7 +319,7 @@ class SimulatedBench:
             for side, axes in self._axes.items()
             if axes.enabled
         ]
-        return min((each for each in left if each > 0.0), default=float("inf"))
+        return min((left_s for left_s in left if left_s > 0.0), default=float("inf"))
 
     def _drive(self, step_s: float) -> None:
         """Advance the drives' ramps by a step of time."""
