@@ -108,7 +108,7 @@ class NewBench:
     ratio: float
     found: tuple[FoundInstrument, ...] = ()
 
-    def instrument(self, protocol: str, place: int = 0) -> FoundInstrument | None:
+    def instrument(self, protocol: str, number: int = 0) -> FoundInstrument | None:
         """Return what the scan found of a protocol at this place of the order, or None.
 
         Modbus devices and serial ports don't say what they are, and SCPI instruments may have any
@@ -117,7 +117,7 @@ class NewBench:
         if protocol in UNKNOWN_ROLE:
             return None
         of_protocol = [instrument for instrument in self.found if instrument.protocol == protocol]
-        return of_protocol[place] if place < len(of_protocol) else None
+        return of_protocol[number] if number < len(of_protocol) else None
 
 
 @cache
@@ -343,18 +343,18 @@ def _inline(table: Mapping[str, Any]) -> str:
     return "{ " + ", ".join(parts) + " }" if table else "{}"
 
 
-def _with_found(text: str, found: FoundInstrument | None) -> str:
+def _with_found(text: str, instrument: FoundInstrument | None) -> str:
     """Put what the scan found into a section, in the place of the example's values."""
-    if found is None:
+    if instrument is None:
         return text
-    if found.protocol == "nidaqmx":
-        return text if ":" in found.address else text.replace("PXI1Slot2", found.address)
-    key, value = "address", _quoted(found.address)
-    if found.protocol == "canopen":
-        interface, _, channel = found.address.partition(":")
+    if instrument.protocol == "nidaqmx":
+        return text if ":" in instrument.address else text.replace("PXI1Slot2", instrument.address)
+    key, value = "address", _quoted(instrument.address)
+    if instrument.protocol == "canopen":
+        interface, _, channel = instrument.address.partition(":")
         text = text.replace('"socketcan"', _quoted(interface)).replace('"can0"', _quoted(channel))
-        key, value = "node", str(found.node)
-    elif found.protocol == "ads":
+        key, value = "node", str(instrument.node)
+    elif instrument.protocol == "ads":
         key = "host"
     return "\n".join(
         _line(f"{key} = {value}", "found by the scan") if line.startswith(f"{key} = ") else line

@@ -146,14 +146,14 @@ class SideCommands:
         self.controls = quantity
         return requested
 
-    def told(self, quantity: Quantity, asked: SetPoint, time_s: float) -> SetPoint:
+    def told(self, quantity: Quantity, requested: SetPoint, time_s: float) -> SetPoint:
         """Record that the command was given, unless another one followed; return it."""
-        confirmed = replace(asked, told_s=time_s)
-        if self.set_points[quantity] is asked:
+        confirmed = replace(requested, told_s=time_s)
+        if self.set_points[quantity] is requested:
             if quantity == "torque":
-                self.torque_nm = asked.value
+                self.torque_nm = requested.value
             else:
-                self.speed_rad_s = asked.value
+                self.speed_rad_s = requested.value
                 self.turned = self.turned.commanded(confirmed)
             self.changed_s = time_s
             self.set_points[quantity] = confirmed
@@ -166,10 +166,10 @@ class SideCommands:
         self.enabled = True
 
     def withdraw(
-        self, quantity: Quantity, asked: SetPoint, before: tuple[Quantity, SetPoint]
+        self, quantity: Quantity, requested: SetPoint, before: tuple[Quantity, SetPoint]
     ) -> None:
         """Record that a command was refused: the earlier quantity and set point stay in force."""
-        if self.set_points[quantity] is asked:
+        if self.set_points[quantity] is requested:
             self.controls, self.set_points[quantity] = before
 
     def ask_zero(self, time_s: float, ramp_s: float) -> SetPoint:
@@ -180,11 +180,11 @@ class SideCommands:
         self.set_points["torque"] = self.set_points["speed"] = requested
         return requested
 
-    def told_zero(self, asked: SetPoint, time_s: float) -> None:
+    def told_zero(self, requested: SetPoint, time_s: float) -> None:
         """Note when the drive got the set point 0, unless another set point followed it."""
-        confirmed = replace(asked, told_s=time_s)
+        confirmed = replace(requested, told_s=time_s)
         for quantity, point in self.set_points.items():
-            if point is asked:
+            if point is requested:
                 self.set_points[quantity] = confirmed
                 if quantity == "speed":
                     self.turned = self.turned.commanded(confirmed)

@@ -108,12 +108,12 @@ _LOADS = ((-1.02, -0.33), (-0.33, 0.33), (0.33, 1.02))
 _Part = tuple[float, float, NDArray[np.bool_]]
 
 
-def _parts(values: NDArray[np.float64] | None, whole: float) -> Iterator[_Part | None]:
+def _parts(values: NDArray[np.float64] | None, range_nm: float) -> Iterator[_Part | None]:
     """Yield the bins of a quantity and their rows; a single None if it is unknown or constant."""
-    if values is None or np.ptp(values) < whole:
+    if values is None or np.ptp(values) < range_nm:
         yield None
         return
-    limits = np.round(np.linspace(np.min(values), np.max(values), _BINS + 1) / whole) * whole
+    limits = np.round(np.linspace(np.min(values), np.max(values), _BINS + 1) / range_nm) * range_nm
     for number in range(_BINS):
         low, high = float(limits[number]), float(limits[number + 1])
         above = values >= low if number else np.ones(values.size, dtype=bool)

@@ -281,7 +281,7 @@ class _Table:
     step_nm: float
 
     @classmethod
-    def of(cls, data: CalibrationData, kept: NDArray[np.intp]) -> "_Table":
+    def of(cls, data: CalibrationData, rows: NDArray[np.intp]) -> "_Table":
         """Return the kept points as means over blocks, in units of range and scatter."""
         largest = float(np.max(np.abs(data.standard_nm)))
         u = data.standard_nm / largest
@@ -294,27 +294,27 @@ class _Table:
         ).astype(np.int64)
         error = data.additional_torque_nm
         branch = data.branch.astype(np.float64)
-        legs = np.stack([data.series, direction, branch, condition], axis=1)[kept]
-        small = (np.abs(u) < _STEEP)[kept]
+        legs = np.stack([data.series, direction, branch, condition], axis=1)[rows]
+        small = (np.abs(u) < _STEEP)[rows]
         block = _blocks(legs, small, MOST_POINTS)
-        step = _resolution(error[kept], largest)
-        unit = max(_scatter(u[kept], error[kept], legs), step / np.sqrt(12.0), _FINEST * largest)
+        step = _resolution(error[rows], largest)
+        unit = max(_scatter(u[rows], error[rows], legs), step / np.sqrt(12.0), _FINEST * largest)
         count = np.bincount(block)
 
         def mean(values: FloatArray) -> FloatArray:
-            return np.bincount(block, weights=values[kept]) / count
+            return np.bincount(block, weights=values[rows]) / count
 
         first = np.searchsorted(block, np.arange(count.size))
         return cls(
             mean(u),
             mean(error) / unit,
-            branch[kept][first],
-            direction[kept][first],
-            data.series[kept][first],
-            position[kept][first],
-            condition[kept][first],
+            branch[rows][first],
+            direction[rows][first],
+            data.series[rows][first],
+            position[rows][first],
+            condition[rows][first],
             count.astype(np.float64),
-            np.append(kept[first], kept[-1] + 1),
+            np.append(rows[first], rows[-1] + 1),
             unit,
             largest,
             step,

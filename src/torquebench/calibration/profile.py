@@ -384,10 +384,10 @@ class Profile(_Settings):
         return validated(type(self), document, f"profile {self.name}")
 
     def _shrink(
-        self, document: dict[str, Any], up_to_percent: float, given: Mapping[str, Any]
+        self, document: dict[str, Any], up_to_percent: float, changes: Mapping[str, Any]
     ) -> None:
         """Scale the steps and the preload of a profile down to a largest step."""
-        if "step_percent" in given:
+        if "step_percent" in changes:
             raise InputError("both a step width and a largest torque", "one of both")
         top = self._top_percent
         if not 0.0 < up_to_percent <= top * (1.0 + 1e-9):

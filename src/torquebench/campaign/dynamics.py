@@ -294,29 +294,29 @@ class _OnBench:
         return shaft_on_bench(self.vibration, motor, inertia, self.delay)
 
 
-def save_dynamics(path: Path, found: IdentifiedDynamics) -> None:
+def save_dynamics(path: Path, identified: IdentifiedDynamics) -> None:
     """Write identified dynamics to a file."""
-    raw, compensated = found.designed.raw, found.designed.compensated
+    raw, compensated = identified.designed.raw, identified.designed.compensated
     content = {
         "format": FORMAT,
-        "effect": found.effect.specification(),
+        "effect": identified.effect.specification(),
         "transfer_function": {
             name: {
-                "value": getattr(found.transfer, name),
-                "standard_uncertainty": found.transfer.standard_uncertainty(name),
+                "value": getattr(identified.transfer, name),
+                "standard_uncertainty": identified.transfer.standard_uncertainty(name),
             }
             for name in PARAMETERS
         },
-        "covariance": found.transfer.covariance,
-        "window_s": found.transfer.window_s,
-        "inertia": found.inertia,
-        "shaft": found.shaft,
-        "vibration": found.vibration,
+        "covariance": identified.transfer.covariance,
+        "window_s": identified.transfer.window_s,
+        "inertia": identified.inertia,
+        "shaft": identified.shaft,
+        "vibration": identified.vibration,
         "step": {"raw": raw, "compensated": compensated},
-        "bandwidth_hz": found.designed.bandwidth_hz,
-        "noise_gain": found.designed.noise_gain,
-        "simulated": found.simulated,
-        "tables_sha256": found.sha256,
+        "bandwidth_hz": identified.designed.bandwidth_hz,
+        "noise_gain": identified.designed.noise_gain,
+        "simulated": identified.simulated,
+        "tables_sha256": identified.sha256,
     }
     atomic_write(path, json_text(content, indent=2) + "\n")
 

@@ -377,10 +377,10 @@ def remarks_on(data: CalibrationData) -> tuple[str, ...]:
 
 
 def _remarks(
-    data: CalibrationData, kept: CalibrationData, examination: Examination
+    data: CalibrationData, points: CalibrationData, examination: Examination
 ) -> Iterator[str]:
     """Yield remarks on rows that were left out, and on doubtful rows."""
-    if len(kept) < len(data):
+    if len(points) < len(data):
         for wrong_row in examination.wrong_rows:
             row = _wrong_row(data, wrong_row.point, wrong_row.residual_nm)
             yield Message("outlier, left out: {row}", row)

@@ -132,10 +132,10 @@ def discrepancy(
     offsets = np.arange(1 - _SAMPLES_PER_NODE, _SAMPLES_PER_NODE)
     beside = np.clip(nodes[:, None] + offsets, 0, u.size - 1)
 
-    def error(known: float, truth: float) -> tuple[FloatArray, FloatArray]:
+    def error(value: float, truth: float) -> tuple[FloatArray, FloatArray]:
         """Return bias and spread near each node where one branch is known and another is true."""
         mean, spread = posterior(u, np.full(u.size, truth))
-        bias = values(u, np.full(u.size, known)) - mean
+        bias = values(u, np.full(u.size, value)) - mean
         return bias[beside], spread[beside]
 
     def std(*cases: tuple[FloatArray, FloatArray]) -> FloatArray:

@@ -311,15 +311,15 @@ def approximate(
     )
 
 
-def _needed(known: tuple[int, float] | None, now: tuple[int, float], allowed: float) -> float:
+def _needed(previous: tuple[int, float] | None, now: tuple[int, float], allowed: float) -> float:
     """Return the number of intervals to be expected from the convergence of the last two attempts.
 
     The position of a kink in its interval can hide the convergence. Its order is therefore assumed
     to be at least ½, that of a curve that begins steeply.
     """
-    if known is None or now[0] <= known[0]:
+    if previous is None or now[0] <= previous[0]:
         return 0.0
-    order = max(log(known[1] / now[1]) / log(now[0] / known[0]), 0.5)
+    order = max(log(previous[1] / now[1]) / log(now[0] / previous[0]), 0.5)
     return exp(min(log(now[0]) + log(now[1] / allowed) / order, 99.0))
 
 

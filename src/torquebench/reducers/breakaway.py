@@ -611,7 +611,7 @@ def _line_at(span: Floats, torque: Floats) -> tuple[float, float, float]:
 def _result(
     kind: BreakawayKind,
     runs: tuple[BreakawayRun, ...],
-    known: TorqueUncertainty,
+    uncertainty: TorqueUncertainty,
     saturated: Sequence[float],
     largest_share: float | None,
     findings: Sequence[Finding],
@@ -621,12 +621,12 @@ def _result(
     sides: dict[int, Budget | None] = {}
     for sign in (1, -1):
         ramps = [run for run in runs if np.sign(run.torque_nm) == sign]
-        sides[sign] = _median_torque(ramps, known) if ramps else None
+        sides[sign] = _median_torque(ramps, uncertainty) if ramps else None
     first, second = sides[1], sides[-1]
     if first is not None and second is not None:
         total = _mean_of_both(first, second)
     else:
-        total = first or second or _median_torque(list(runs), known)
+        total = first or second or _median_torque(list(runs), uncertainty)
     remarks = list(findings)
     if len(runs) < 3:
         remarks.append(
@@ -662,25 +662,25 @@ def _result(
     )
 
 
-def _median_torque(runs: Sequence[BreakawayRun], known: TorqueUncertainty) -> Budget:
+def _median_torque(runs: Sequence[BreakawayRun], uncertainty: TorqueUncertainty) -> Budget:
     """Return the median torque of ramps in one direction with its budget."""
     values = np.abs([run.torque_nm for run in runs])
     middle = float(np.median(values))
     first_motion_nm = float(np.sqrt(np.mean([run.standard_uncertainty_nm**2 for run in runs])))
     sign = float(np.sign(runs[0].torque_nm)) or 1.0
     parts = [
-        BudgetLine("torque zero", known.zero_nm, inf, sign, Shared.ZEROING),
-        BudgetLine("torque scale", known.relative * middle, shared=Shared.CALIBRATION),
-        BudgetLine("compensation model", known.model_nm, shared=Shared.CALIBRATION),
-        BudgetLine("mounting and drag", known.mounting_nm, shared=Shared.MOUNTING),
-        BudgetLine("loading effects", known.loading_nm, shared=Shared.LOADING),
+        BudgetLine("torque zero", uncertainty.zero_nm, inf, sign, Shared.ZEROING),
+        BudgetLine("torque scale", uncertainty.relative * middle, shared=Shared.CALIBRATION),
+        BudgetLine("compensation model", uncertainty.model_nm, shared=Shared.CALIBRATION),
+        BudgetLine("mounting and drag", uncertainty.mounting_nm, shared=Shared.MOUNTING),
+        BudgetLine("loading effects", uncertainty.loading_nm, shared=Shared.LOADING),
     ]
     if values.size > 1:
         efficiency = MEDIAN_EFFICIENCY if values.size > 2 else 1.0
         error = efficiency * float(np.std(values, ddof=1)) / values.size**0.5
         parts.append(BudgetLine("spread over runs", error, values.size - 1))
     else:
-        parts.append(BudgetLine("chain repeatability", known.repeatability_nm))
+        parts.append(BudgetLine("chain repeatability", uncertainty.repeatability_nm))
     # All runs share one rule for the motion, so its error doesn't average out.
     parts.append(BudgetLine("first motion", first_motion_nm, shared=Shared.LOADING))
     return budget(middle, "N·m", parts)

@@ -415,11 +415,11 @@ def evaluate_efficiency(
     return EfficiencyMap(float(ratio), points, every, _both_directions(points))
 
 
-def _chosen(known: KnownTorque | None, index: Floats) -> KnownTorque:
+def _chosen(uncertainty: KnownTorque | None, index: Floats) -> KnownTorque:
     """Return the uncertainties of selected points."""
-    if known is None or isinstance(known, TorqueUncertainty):
-        return known or TorqueUncertainty()
-    return [known[int(row)] for row in index]
+    if uncertainty is None or isinstance(uncertainty, TorqueUncertainty):
+        return uncertainty or TorqueUncertainty()
+    return [uncertainty[int(row)] for row in index]
 
 
 @dataclass(frozen=True, eq=False)
@@ -524,7 +524,7 @@ class _Steady:
         least = np.maximum(SAME_VALUE * np.abs(input_nm), 3.0 * decimal_step(input_nm))
         return np.asarray(deviation > np.maximum(OUTLYING * float(np.median(deviation)), least))
 
-    def points(self, known: tuple[KnownTorque, KnownTorque]) -> tuple[EfficiencyPoint, ...]:
+    def points(self, uncertainties: tuple[KnownTorque, KnownTorque]) -> tuple[EfficiencyPoint, ...]:
         """Return the mean of the repeats at every torque and speed, by driving side.
 
         The scatter of repeats is pooled over the speeds and directions of one torque: in shares of
@@ -548,7 +548,7 @@ class _Steady:
             step = int(self.torque_step[rows[0]])
             alike = [member for member in members.values() if self.torque_step[member[0]] == step]
             scatter = self._scatter(alike) or pooled
-            points.append(self._point(rows, known, scatter, texts[number]))
+            points.append(self._point(rows, uncertainties, scatter, texts[number]))
         return tuple(
             sorted(
                 points,
@@ -570,7 +570,7 @@ class _Steady:
     def _point(
         self,
         rows: NDArray[np.intp],
-        known: tuple[KnownTorque, KnownTorque],
+        uncertainties: tuple[KnownTorque, KnownTorque],
         scatter: tuple[float, int] | None,
         name: str,
     ) -> EfficiencyPoint:
@@ -584,8 +584,15 @@ class _Steady:
         turn = 1.0 if self.driving[rows[0]] == 1 else -1.0
         parts: list[BudgetLine] = []
         for side, torque, of, pull, rpm, step in (
-            ("input", drive, over(known[0], here), -turn, speed, self.resolution[0]),
-            ("output", load, over(known[1], here), turn, speed / self.ratio, self.resolution[1]),
+            ("input", drive, over(uncertainties[0], here), -turn, speed, self.resolution[0]),
+            (
+                "output",
+                load,
+                over(uncertainties[1], here),
+                turn,
+                speed / self.ratio,
+                self.resolution[1],
+            ),
         ):
             size = value / abs(torque)
             signed = pull * float(np.sign(torque))

@@ -176,17 +176,17 @@ class Samples:
             masks[name] = bad
         return self.less({name: bad for name, bad in masks.items() if bad.any()})
 
-    def less(self, found: Mapping[str, Mask]) -> Samples:
+    def less(self, masks: Mapping[str, Mask]) -> Samples:
         """Leave out the outliers (by series), or report them only."""
         bad = np.zeros(self.row.size, dtype=np.bool_)
-        for mask in found.values():
+        for mask in masks.values():
             bad |= mask
         if not bad.any() or bad.sum() > max(LEAST_OUTLIERS, MOST_OUTLIERS * bad.size):
             return self
         what = Message.joined(
             [
                 Message("{name} in {rows}", _word(name), _rows_named(self.row[mask]))
-                for name, mask in found.items()
+                for name, mask in masks.items()
                 if mask.any()
             ]
         )

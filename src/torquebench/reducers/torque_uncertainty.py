@@ -62,7 +62,7 @@ KnownTorque = TorqueUncertainty | Sequence[TorqueUncertainty]
 """Uncertainty of the torque: the same for all points of a test, or one for each."""
 
 
-def over(known: KnownTorque, rows: NDArray[np.bool_] | None = None) -> TorqueUncertainty:
+def over(uncertainty: KnownTorque, rows: NDArray[np.bool_] | None = None) -> TorqueUncertainty:
     """Return the uncertainty of the mean torque of some points; of all points without `rows`.
 
     It is the root mean square of the points' uncertainties, because they share their errors.
@@ -73,9 +73,9 @@ def over(known: KnownTorque, rows: NDArray[np.bool_] | None = None) -> TorqueUnc
     >>> round(over(known, np.array([True, True, False])).mounting_nm, 9)
     0.5
     """
-    if isinstance(known, TorqueUncertainty):
-        return known
-    chosen = list(known if rows is None else compress(known, rows))
+    if isinstance(uncertainty, TorqueUncertainty):
+        return uncertainty
+    chosen = list(uncertainty if rows is None else compress(uncertainty, rows))
     return TorqueUncertainty(
         **{
             item.name: float(np.sqrt(np.mean([getattr(one, item.name) ** 2 for one in chosen])))

@@ -209,8 +209,8 @@ class DriveImage(Image):
             if rate > 0.0:
                 self._drive.command_speed(scale * speed_rad_s, rate)
 
-    def _number(self, place: DriveCommand) -> float:
-        return register_map.float_of(self._holding[place : place + 2])
+    def _number(self, command: DriveCommand) -> float:
+        return register_map.float_of(self._holding[command : command + 2])
 
 
 def _wrapped(counts: int) -> int:

@@ -173,11 +173,11 @@ class _Walk:
         if DROPPED.encode() in line[:40]:
             self._dropped = max(self._dropped, int(json.loads(line)["last_line"]))
 
-    def _begins(self, where: str, place: _Place, before: bytes) -> None:
+    def _begins(self, where: str, parsed: _Place, before: bytes) -> None:
         """Check the first chained line against the lines before it, which older versions wrote."""
-        self._first = place.end.line
+        self._first = parsed.end.line
         expected = hashlib.sha256(before).hexdigest() if before else _START
-        if self._damaged or (self._first == 1 and place.previous_sha256 == expected):
+        if self._damaged or (self._first == 1 and parsed.previous_sha256 == expected):
             return
         if self._first == 1:
             self._problem(where, "the lines before it were changed")

@@ -124,10 +124,10 @@ class OpenDaqCounter(LibraryCounter):
         self._serial = str(info.serial_number)
         self._firmware = str(getattr(info, "software_revision", ""))
 
-    def _signal(self, found: Mapping[str, Any], name: str) -> Any:
+    def _signal(self, devices: Mapping[str, Any], name: str) -> Any:
         """Return the only signal whose path ends as described for a channel."""
         wanted = self._options.channels[name].signal  # type: ignore[index]
-        matching = [signal for path, signal in found.items() if f"/{path}".endswith(f"/{wanted}")]
+        matching = [signal for path, signal in devices.items() if f"/{path}".endswith(f"/{wanted}")]
         if len(matching) != 1 or matching[0].domain_signal is None:
             raise InputError(
                 Message(
@@ -136,7 +136,7 @@ class OpenDaqCounter(LibraryCounter):
                     wanted,
                     len(matching),
                 ),
-                Message("the end of one of {found}", ", ".join(sorted(found))),
+                Message("the end of one of {found}", ", ".join(sorted(devices))),
                 "copy the path from the device's own software",
             )
         return matching[0]

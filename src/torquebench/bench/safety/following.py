@@ -155,16 +155,20 @@ def _values(quantity: Quantity, side: Side, block: Block) -> NDArray[np.float64]
 
 
 def _violation(
-    side: Side, quantity: Quantity, found: float, told: float, allowed: float
+    side: Side, quantity: Quantity, measured: float, set_point: float, allowed: float
 ) -> Violation:
     """Return the violation of a drive that doesn't follow its command."""
     scale, unit = (1.0, "N·m") if quantity == "torque" else (RPM_PER_RAD_S, "rpm")
-    found, told, allowed = scale * found, scale * told, scale * allowed
+    measured, set_point, allowed = scale * measured, scale * set_point, scale * allowed
     return Violation(
         AlarmKind.FOLLOWING,
         side,
         Message(
-            "{side} drive: {found:.1f} {unit} instead of {told:.1f} {unit}", side, found, unit, told
+            "{side} drive: {found:.1f} {unit} instead of {told:.1f} {unit}",
+            side,
+            measured,
+            unit,
+            set_point,
         ),
         Message("at most {allowed:g} {unit} apart", allowed, unit),
         "find out whether the drive or its transducer is wrong before you continue",

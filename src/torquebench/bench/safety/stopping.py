@@ -304,28 +304,28 @@ class StopSequence:
                 if self._workers[side].idle:
                     self._workers[side].disable(lambda _told: None)
 
-    def _state_what_is_on(self, known: Sequence[Remaining]) -> None:
+    def _state_what_is_on(self, remaining: Sequence[Remaining]) -> None:
         """State remaining power and torque in the alarm, and again after each change."""
-        latched, violation = self._book.latched, self.not_safe(known)
+        latched, violation = self._book.latched, self.not_safe(remaining)
         if latched is None or latched.kind is not AlarmKind.NOT_SAFE:
             self.news.append(self._book.add(violation.alarm(self._clock.now())).number)
-        elif self._differs(known):
+        elif self._differs(remaining):
             self._book.restate(latched.number, violation.found)
             self.news.append(latched.number)
         else:
             return
-        self._stated = list(known)
+        self._stated = list(remaining)
 
-    def _differs(self, known: Sequence[Remaining]) -> bool:
+    def _differs(self, remaining: Sequence[Remaining]) -> bool:
         """Return whether the power state has changed, or the torque by 5 % of the range."""
-        if [(rest.side, rest.power) for rest in known] != [
+        if [(rest.side, rest.power) for rest in remaining] != [
             (rest.side, rest.power) for rest in self._stated
         ]:
             return True
         return any(
             abs(rest.torque_nm - before.torque_nm)
             > NEWS * self._description.module(rest.side).range_nm
-            for rest, before in zip(known, self._stated, strict=True)
+            for rest, before in zip(remaining, self._stated, strict=True)
         )
 
     def _watch_torque_go(self, now_s: float) -> Violation | None:

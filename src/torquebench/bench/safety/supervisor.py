@@ -398,8 +398,10 @@ class SafetySupervisor:
         if violation is not None:
             self._trip_for(violation)
 
-    def _trip_for(self, found: Violation) -> Alarm:
-        return self.trip(found.kind, found.source, found.found, found.allowed, found.remedy)
+    def _trip_for(self, violation: Violation) -> Alarm:
+        return self.trip(
+            violation.kind, violation.source, violation.found, violation.allowed, violation.remedy
+        )
 
     def unload(self, sides: Iterable[Side] = SIDES) -> float:
         """Ramp drives to zero torque and speed at their usual rates, without an alarm.

@@ -167,25 +167,25 @@ def compared(specimens: Sequence[SpecimenResults], *, change: bool = False) -> R
     return ReducerComparison(tuple(specimens), changes, values, same, len(every) - len(keys))
 
 
-def _check(found: Sequence[SpecimenResults], change: bool) -> None:
+def _check(specimens: Sequence[SpecimenResults], change: bool) -> None:
     """Refuse runs that can't be compared: of several tests or reducers, or of one specimen."""
-    different = len({specimen.run_id for specimen in found})
-    if different < max(2, len(found)):
+    different = len({specimen.run_id for specimen in specimens})
+    if different < max(2, len(specimens)):
         raise InputError(
-            Message("{count} runs, {different} of them different", len(found), different),
+            Message("{count} runs, {different} of them different", len(specimens), different),
             "two runs or more",
         )
     for what in ("test", "reducer"):
-        names = sorted({getattr(specimen, what) for specimen in found})
+        names = sorted({getattr(specimen, what) for specimen in specimens})
         if len(names) > 1:
             raise InputError(
                 Message("runs of {names}", " and ".join(names)), Message("one {what}", what)
             )
-    serials = [specimen.serial for specimen in found]
+    serials = [specimen.serial for specimen in specimens]
     named = ", ".join(serial or "no serial" for serial in serials)
-    if change and (len(found) != 2 or len(set(serials)) > 1):
+    if change and (len(specimens) != 2 or len(set(serials)) > 1):
         raise InputError(
-            Message("{count} runs of {said}", len(found), named),
+            Message("{count} runs of {said}", len(specimens), named),
             "two runs of one specimen for --change",
             "name the run before and the run after, or leave --change out",
         )

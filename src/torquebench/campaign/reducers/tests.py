@@ -106,25 +106,25 @@ def _check_calibrated(station: Station, part: ReducerTestRehearsal) -> None:
 def _rehearsed(
     name: str,
     title: str,
-    found: Rehearsal[Any],
+    rehearsal: Rehearsal[Any],
     longest_s: float = 0.0,
     warm_up_s: float = 0.0,
 ) -> ReducerTestRehearsal:
     """Return duration, largest values and modes of a rehearsed test."""
     modes: dict[str, list[str]] = {side: [] for side in SIDES}
-    for move in found.moves:
+    for move in rehearsal.moves:
         side, _, what = move.device.partition(" ")
         if what == "mode" and modes[side][-1:] != [str(move.value)]:
             modes[side].append(str(move.value))
-    speed = {side: value * RPM_PER_RAD_S for side, value in found.largest("speed").items()}
+    speed = {side: value * RPM_PER_RAD_S for side, value in rehearsal.largest("speed").items()}
     return ReducerTestRehearsal(
         name=name,
         title=title,
-        duration_s=found.duration_s,
-        longest_s=max(found.duration_s, longest_s),
+        duration_s=rehearsal.duration_s,
+        longest_s=max(rehearsal.duration_s, longest_s),
         longest_warm_up_s=warm_up_s,
-        points=found.points,
-        largest_torque_nm=found.largest("torque"),
+        points=rehearsal.points,
+        largest_torque_nm=rehearsal.largest("torque"),
         largest_speed_rpm=speed,
         modes={side: tuple(seen) for side, seen in modes.items()},
     )

@@ -121,16 +121,16 @@ class EmptyTable(SeriesTable):
     zero: float = float("nan")
     zero_uncertainty_nm: float = float("nan")
 
-    def add(self, found: Record, before_c: float, after_c: float) -> None:
+    def add(self, recording: Record, before_c: float, after_c: float) -> None:
         """Add the rows of an interval, with the temperature linear between two readings."""
-        warm = np.linspace(before_c, after_c, len(found))
+        warm = np.linspace(before_c, after_c, len(recording))
         rows = np.column_stack(
             [
-                found.time_s + self.shift_s,
-                found["reading_nm"],
-                found["speed_rpm"],
+                recording.time_s + self.shift_s,
+                recording["reading_nm"],
+                recording["speed_rpm"],
                 warm,
-                found["angle_rad"] * DEG_PER_RAD % DEG_PER_TURN,
+                recording["angle_rad"] * DEG_PER_RAD % DEG_PER_TURN,
             ]
         )
         self._pieces.append(rows)
@@ -305,20 +305,20 @@ class _Runner:
         yield from self._turn(self.speed_rpm)
         yield from sleep(REST_S)
 
-    def drive(self, series: int, place: int, leg: Leg) -> Plan[None]:
+    def drive(self, series: int, number: int, leg: Leg) -> Plan[None]:
         """Drive one leg, and repeat it after a pause."""
-        yield from progress(self._done(series, place), self.total, leg.what)
+        yield from progress(self._done(series, number), self.total, leg.what)
         pieces = yield from again_after_pause(
-            partial(self._leg, series, place, leg), self._turn_again
+            partial(self._leg, series, number, leg), self._turn_again
         )
         for stretch in pieces:
             self.table.add(*stretch)
         self.speed_rpm = leg.speed_rpm
 
-    def _leg(self, series: int, place: int, leg: Leg) -> Plan[list[tuple[Record, float, float]]]:
+    def _leg(self, series: int, number: int, leg: Leg) -> Plan[list[tuple[Record, float, float]]]:
         """Drive one leg; return its recorded pieces with the temperatures before and after each."""
         pieces: list[tuple[Record, float, float]] = []
-        yield from stamp(self.devices, series=series + 1, step=place, branch=1)
+        yield from stamp(self.devices, series=series + 1, step=number, branch=1)
         yield from move(self.devices.recorder, "mark")
         before = yield from self._temperature()
         drive = self.devices.module(self.side).drive
@@ -339,6 +339,6 @@ class _Runner:
                 return pieces
             yield from leg_checkpoint()
 
-    def _done(self, series: int, place: int) -> int:
+    def _done(self, series: int, number: int) -> int:
         """Return the number of legs before a leg of a series."""
-        return series * (self.total // self.profile.series()) + place
+        return series * (self.total // self.profile.series()) + number

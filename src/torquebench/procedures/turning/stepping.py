@@ -46,11 +46,11 @@ class StepTable(SeriesTable):
 
     COLUMNS: ClassVar = ("time_s", "reading_nm", "standard_nm", "segment", "period_s")
 
-    def add(self, found: Record, period_s: float) -> None:
+    def add(self, recording: Record, period_s: float) -> None:
         """Add the samples of an interval: a step, or a sine with its period."""
-        count = len(found)
+        count = len(recording)
         number = 1.0 + (self._pieces[-1][-1, 3] if self._pieces else 0.0)
-        rows = [found.time_s + self.shift_s, found["reading_nm"], found["standard_nm"]]
+        rows = [recording.time_s + self.shift_s, recording["reading_nm"], recording["standard_nm"]]
         self._pieces.append(np.column_stack([*rows, np.full(count, number),
                                              np.full(count, period_s)]))  # fmt: skip
 
@@ -195,8 +195,8 @@ class _Stepper:
             yield from self._take(stretches, leg)
         return stretches
 
-    def _take(self, kept: list[_Stretch], leg: TorqueLeg) -> Plan[None]:
+    def _take(self, stretches: list[_Stretch], leg: TorqueLeg) -> Plan[None]:
         recorder = self.devices.recorder
         yield from take(recorder, self.devices.point, stream="points")
         if recorder.fast is not None:  # a rehearsal records nothing
-            kept.append((recorder.fast, leg.period_s))
+            stretches.append((recorder.fast, leg.period_s))

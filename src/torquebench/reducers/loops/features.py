@@ -77,18 +77,18 @@ def features_of(
     return features
 
 
-def _read(sides: Sequence[Pieces], place: float, widest: float) -> list[Reading]:
+def _read(sides: Sequence[Pieces], torque: float, widest: float) -> list[Reading]:
     """Read a branch of each loop at a torque; in a single cycle, the piece that covers it.
 
     The first piece of a cycle isn't on the loop at its start: half the gap between both pieces is
     added to its readings.
     """
     if len(sides[0]) == 1:
-        return read([pieces[0] for pieces in sides], place, widest)
+        return read([pieces[0] for pieces in sides], torque, widest)
     last, first = sides[0]
-    if float(last.torque.min()) <= place <= float(last.torque.max()):
-        return read([last], place, widest)
-    (begun,) = read([first], place, widest)
+    if float(last.torque.min()) <= torque <= float(last.torque.max()):
+        return read([last], torque, widest)
+    (begun,) = read([first], torque, widest)
     ends = [read([branch], 0.0, widest)[0] for branch in (last, first)]
     gap = ends[0].value - ends[1].value
     noise = float(np.linalg.norm([begun.noise, 0.5 * ends[0].noise, 0.5 * ends[1].noise]))

@@ -70,7 +70,7 @@ class LocalFit:
     standard_error: Floats
 
 
-def read(branches: Sequence[Branch], place: float, widest: float) -> list[Reading]:
+def read(branches: Sequence[Branch], torque: float, widest: float) -> list[Reading]:
     """Read the same branch of several loops at a torque, by local parabolas with one common window.
 
     The window grows as long as the means of all fits so far agree within their standard errors
@@ -83,16 +83,16 @@ def read(branches: Sequence[Branch], place: float, widest: float) -> list[Readin
     for branch in branches:
         order = np.argsort(branch.torque, kind="stable")
         knots.append((branch.torque[order], branch.angle[order]))
-    after = [int(np.clip(np.searchsorted(x, place), 1, x.size - 1)) for x, _ in knots]
+    after = [int(np.clip(np.searchsorted(x, torque), 1, x.size - 1)) for x, _ in knots]
     beside = [
-        np.abs(x[k - 1 : k + 1] - place).max() for (x, _), k in zip(knots, after, strict=True)
+        np.abs(x[k - 1 : k + 1] - torque).max() for (x, _), k in zip(knots, after, strict=True)
     ]
     half, noise = float(max(beside)) * (1.0 + 1e-9), [branch.noise for branch in branches]
     low, high = -np.inf, np.inf
     agreeing: list[list[tuple[float, float, float]]] = []
     while True:
-        inside = [np.abs(x - place) <= half for x, _ in knots]
-        fits = [_parabola(x[m] - place, y[m]) for (x, y), m in zip(knots, inside, strict=True)]
+        inside = [np.abs(x - torque) <= half for x, _ in knots]
+        fits = [_parabola(x[m] - torque, y[m]) for (x, y), m in zip(knots, inside, strict=True)]
         value, _, gain = np.transpose(fits)
         scatter = float(np.linalg.norm(gain * noise)) / len(branches)
         step = float(np.mean(gain * [branch.step for branch in branches]))
@@ -107,7 +107,7 @@ def read(branches: Sequence[Branch], place: float, widest: float) -> list[Readin
         half = min(half * GROWTH, max(widest, half))
     readings = []
     for branch, (x, y), (angle, slope, factor) in zip(branches, knots, agreeing[-1], strict=True):
-        between = _between(x, y, place, angle, float(np.hypot(branch.noise, branch.step)))
+        between = _between(x, y, torque, angle, float(np.hypot(branch.noise, branch.step)))
         errors = (BIAS * branch.noise * factor, BIAS * branch.step * factor)
         readings.append(Reading(angle, slope, *errors, between))
     return readings

@@ -333,9 +333,9 @@ def _highest(
 
 def _direction(
     run: Run,
-    found: Revolution,
+    revolution: Revolution,
     ratio: float,
-    known: AngleUncertainty,
+    uncertainty: AngleUncertainty,
     steps: tuple[float, float],
     highest: float,
     time: NDArray[np.float64] | None,
@@ -343,33 +343,39 @@ def _direction(
     """Return the transmission error of one direction with its budget and largest orders."""
     resolutions = [_count_error(run, step, highest) for step in steps]
     resolution = float(np.linalg.norm(resolutions)) / ARCSEC
-    encoders = float(np.hypot(known.output_rad, known.input_rad / ratio)) / ARCSEC
+    encoders = float(np.hypot(uncertainty.output_rad, uncertainty.input_rad / ratio)) / ARCSEC
     peak_to_peak = budget(
-        found.peak_to_peak_arcsec,
+        revolution.peak_to_peak_arcsec,
         "arcsec",
         [
-            BudgetLine("encoders", _between_peaks(found, known, ratio), shared=Shared.CALIBRATION),
-            BudgetLine("noise", 2.0**0.5 * found.noise_arcsec, found.noise_freedom),
-            BudgetLine("noise at the peaks", found.peak_noise_arcsec),
+            BudgetLine(
+                "encoders",
+                _between_peaks(revolution, uncertainty, ratio),
+                shared=Shared.CALIBRATION,
+            ),
+            BudgetLine("noise", 2.0**0.5 * revolution.noise_arcsec, revolution.noise_freedom),
+            BudgetLine("noise at the peaks", revolution.peak_noise_arcsec),
             BudgetLine("resolution", 2.0**0.5 * resolution),
         ],
     )
-    largest = np.argsort(-found.amplitude_arcsec, kind="stable")[:LARGEST_ORDERS]
+    largest = np.argsort(-revolution.amplitude_arcsec, kind="stable")[:LARGEST_ORDERS]
     orders = tuple(
         ErrorOrder(
-            order=float(found.order[index]),
+            order=float(revolution.order[index]),
             amplitude=budget(
-                float(found.amplitude_arcsec[index]),
+                float(revolution.amplitude_arcsec[index]),
                 "arcsec",
                 [
                     BudgetLine("encoders", encoders, shared=Shared.CALIBRATION),
                     BudgetLine(
-                        "noise", float(found.amplitude_error_arcsec[index]), found.noise_freedom
+                        "noise",
+                        float(revolution.amplitude_error_arcsec[index]),
+                        revolution.noise_freedom,
                     ),
-                    BudgetLine("resolution", resolution / max(found.order.size, 1) ** 0.5),
+                    BudgetLine("resolution", resolution / max(revolution.order.size, 1) ** 0.5),
                 ],
             ),
-            phase_rad=float(found.phase_rad[index]),
+            phase_rad=float(revolution.phase_rad[index]),
         )
         for index in largest
     )
@@ -379,13 +385,13 @@ def _direction(
         speed = float(np.ptp(run.angle_rad)) / TURN / seconds * MINUTE if seconds > 0 else speed
     return DirectionError(
         direction=run.direction,
-        revolutions=found.revolutions,
-        angle_rad=found.angle_rad,
-        error_arcsec=found.error_arcsec,
-        standard_error_arcsec=found.standard_error_arcsec,
+        revolutions=revolution.revolutions,
+        angle_rad=revolution.angle_rad,
+        error_arcsec=revolution.error_arcsec,
+        standard_error_arcsec=revolution.standard_error_arcsec,
         peak_to_peak=peak_to_peak,
-        order=found.order,
-        amplitude_arcsec=found.amplitude_arcsec,
+        order=revolution.order,
+        amplitude_arcsec=revolution.amplitude_arcsec,
         orders=orders,
         speed_rpm=speed,
     )
@@ -408,27 +414,31 @@ def _count_error(run: Run, step_rad: float, highest: float) -> float:
     return float(step_rad / 12.0**0.5 * share)
 
 
-def _between_peaks(found: Revolution, known: AngleUncertainty, ratio: float) -> float:
+def _between_peaks(revolution: Revolution, uncertainty: AngleUncertainty, ratio: float) -> float:
     """Return the effect of the encoders' errors on max − min, arcsec.
 
     An error with a period of one turn contributes 2·|sin(Δ/2)| of its standard uncertainty, Δ being
     the encoder's angle between both peaks. Other errors contribute √2 times their uncertainty.
     """
-    places = found.angle_rad[[np.argmax(found.error_arcsec), np.argmin(found.error_arcsec)]]
+    places = revolution.angle_rad[
+        [np.argmax(revolution.error_arcsec), np.argmin(revolution.error_arcsec)]
+    ]
     distance = float(places[0] - places[1])
-    parts = (known.output_rad, distance), (known.input_rad / ratio, distance * ratio)
+    parts = (uncertainty.output_rad, distance), (uncertainty.input_rad / ratio, distance * ratio)
     factors = [spread * max(2.0**0.5, 2.0 * abs(np.sin(0.5 * delta))) for spread, delta in parts]
     return float(np.hypot(*factors)) / ARCSEC
 
 
-def _reversal(means: list[Revolution], known: AngleUncertainty, ratio: float) -> Budget | None:
+def _reversal(
+    means: list[Revolution], uncertainty: AngleUncertainty, ratio: float
+) -> Budget | None:
     """Return the difference of both directions' means; None for one direction."""
     if len(means) < 2:
         return None
     noise = [
         BudgetLine("noise", mean.noise_arcsec / (2.0 * mean.order.size) ** 0.5) for mean in means
     ]
-    encoders = float(np.hypot(known.output_rad, known.input_rad / ratio)) / ARCSEC
+    encoders = float(np.hypot(uncertainty.output_rad, uncertainty.input_rad / ratio)) / ARCSEC
     value = abs(means[0].mean_rad - means[1].mean_rad) / ARCSEC
     common = BudgetLine("encoders", 2.0**0.5 * encoders, shared=Shared.CALIBRATION)
     return budget(value, "arcsec", [*noise, common])

@@ -122,9 +122,9 @@ def one_way(angle: Floats) -> list[tuple[int, int]]:
     return runs
 
 
-def check_ratio(given: Floats, taken: Floats, ratio: float) -> None:
+def check_ratio(input_rad: Floats, output_rad: Floats, ratio: float) -> None:
     """Refuse angles of another ratio than stated: swapped, reversed, or miscounted."""
-    span_in, span_out = float(np.ptp(given)), float(np.ptp(taken))
+    span_in, span_out = float(np.ptp(input_rad)), float(np.ptp(output_rad))
     if span_in == 0.0 or span_out == 0.0:
         side = "input" if span_in == 0.0 else "output"
         raise InputError(
@@ -132,8 +132,10 @@ def check_ratio(given: Floats, taken: Floats, ratio: float) -> None:
             "both encoders turning",
             "check the encoder and the coupling",
         )
-    start, stop = max(one_way(taken), key=lambda each: abs(taken[each[1]] - taken[each[0]]))
-    through, out = (each[start : stop + 1] - each[start] for each in (given, taken))
+    start, stop = max(
+        one_way(output_rad), key=lambda each: abs(output_rad[each[1]] - output_rad[each[0]])
+    )
+    through, out = (each[start : stop + 1] - each[start] for each in (input_rad, output_rad))
     measured = float(through[-1] / out[-1])
     if abs(measured / ratio - 1.0) > COARSE:
         _refuse_ratio(measured, ratio)
@@ -149,7 +151,7 @@ def check_ratio(given: Floats, taken: Floats, ratio: float) -> None:
         angle = np.abs(through / ratio)
         jump, place_rad, _, stepped = _step_or_line(angle, out - angle, ratio)
         if stepped and abs(jump) > 0.5 * abs(measured / ratio - np.sign(measured / ratio)) * TURN:
-            _refuse_slip(jump, place_rad + abs(float(taken[start])))
+            _refuse_slip(jump, place_rad + abs(float(output_rad[start])))
         _refuse_ratio(np.copysign(measured, ratio), ratio)
 
 
@@ -167,24 +169,26 @@ def _refuse_slip(jump_rad: float, place_rad: float) -> None:
     )
 
 
-def _refuse_ratio(shown: float, ratio: float) -> None:
+def _refuse_ratio(measured: float, ratio: float) -> None:
     """Refuse angles that contradict the ratio; say which mistake explains them."""
-    if abs(shown * ratio - 1.0) <= COARSE and abs(ratio**2 - 1.0) > COARSE:
+    if abs(measured * ratio - 1.0) <= COARSE and abs(ratio**2 - 1.0) > COARSE:
         remedy = "input and output angle are swapped: name the columns the other way round"
-    elif abs(shown / ratio + 1.0) <= COARSE:
+    elif abs(measured / ratio + 1.0) <= COARSE:
         remedy = "the output turns against the input: make the ratio negative"
     else:
         remedy = "check the ratio, the angles' units and counts per revolution, and slip"
     raise InputError(
-        Message("angles that show a ratio of {shown:.5g}", shown),
+        Message("angles that show a ratio of {shown:.5g}", measured),
         Message("{ratio:g} within 0.1 %", ratio),
         remedy,
     )
 
 
-def runs_of(given: Floats, taken: Floats, ratio: float, counted_rad: float = 0.0) -> list[Run]:
+def runs_of(
+    input_rad: Floats, output_rad: Floats, ratio: float, counted_rad: float = 0.0
+) -> list[Run]:
     """Return the runs in one direction, bounded by reversals of the input and by gaps."""
-    shared = given / ratio
+    shared = input_rad / ratio
     runs = []
     for start, stop in one_way(shared):
         rows = slice(start, stop + 1)
@@ -192,7 +196,7 @@ def runs_of(given: Floats, taken: Floats, ratio: float, counted_rad: float = 0.0
         order = slice(None, None, int(direction))
         angle = np.maximum.accumulate(shared[rows][order])
         name: Direction = "clockwise" if direction > 0 else "counter-clockwise"
-        runs.append(Run(name, rows, angle, (taken[rows] - shared[rows])[order], counted_rad))
+        runs.append(Run(name, rows, angle, (output_rad[rows] - shared[rows])[order], counted_rad))
     return runs
 
 

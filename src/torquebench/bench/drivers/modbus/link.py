@@ -173,17 +173,17 @@ class ModbusLink(Link[Any]):
             Message("to write coils {first} to {last}", address, address + len(values) - 1),
         )
 
-    def _complete(self, found: list[int], count: int) -> list[int]:
+    def _complete(self, values: list[int], count: int) -> list[int]:
         """Return the requested values; refuse an answer with fewer."""
-        if len(found) < count:
+        if len(values) < count:
             raise BenchError(
                 Message(
-                    "{name} at {address} sends {count} values", self.name, self.address, len(found)
+                    "{name} at {address} sends {count} values", self.name, self.address, len(values)
                 ),
                 Message("the {wanted} that were requested", count),
                 "check the instrument's register map",
             )
-        return found[:count]
+        return values[:count]
 
     def identity(self, role: str) -> Identity:
         """Read the name plate."""
