@@ -8,6 +8,7 @@ identical results.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -130,11 +131,11 @@ def located(nodes: FloatArray, values: FloatArray | float) -> NodePosition:
         none = 0 if isinstance(values, float) else np.zeros(np.shape(values), dtype=np.intp)
         return NodePosition(none, none, 0.0 * none)
     if isinstance(values, float):
-        lowest, highest = nodes.item(0), nodes.item(last)
-        inside = lowest if values < lowest else highest if values > highest else values
-        below: Any = min(int(nodes.searchsorted(inside, side="right")), last) - 1
-        low = nodes.item(below)
-        return NodePosition(below, below + 1, (inside - low) / (nodes.item(below + 1) - low))
+        at: Any = nodes.data  # its items are floats
+        inside = at[0] if values < at[0] else at[last] if values > at[last] else values
+        below: Any = min(bisect_right(at, inside), last) - 1
+        low = at[below]
+        return NodePosition(below, below + 1, (inside - low) / (at[below + 1] - low))
     within = np.minimum(np.maximum(values, nodes[0]), nodes[last])
     below = np.minimum(np.maximum(nodes.searchsorted(within, side="right") - 1, 0), last - 1)
     return NodePosition(

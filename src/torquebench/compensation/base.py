@@ -293,6 +293,11 @@ class CompensationModel(Estimator, ABC):
         return np.asarray(self._unit_nm * self.uncertainty_.at(u, branch))
 
     @property
+    def lacks_uncertainty(self) -> bool:
+        """Whether the fitted curve has no uncertainty yet, and enough points to compute one."""
+        return self.uncertainty_ is None and self.points_ >= FEWEST_POINTS
+
+    @property
     def _unit_nm(self) -> float:
         """Unit of `uncertainty_` in N·m."""
         return self.full_scale_nm_

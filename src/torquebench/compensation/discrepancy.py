@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from torquebench.compensation.base import FEWEST_POINTS, CompensationModel
+from torquebench.compensation.base import CompensationModel
 from torquebench.compensation.columns import FloatArray, by_names, feature_column, features
 from torquebench.compensation.curve_uncertainty import COVERAGE_95, CurveUncertainty, half_widths
 from torquebench.compensation.hybrid import HybridModel
@@ -41,7 +41,7 @@ class FormModel(CompensationModel):
         """Fit the model to calibration points, and compute its curve's discrepancy."""
         X = by_names(X)
         self.fit_curve(X, y, progress)
-        if self.uncertainty_ is None and self.points_ >= FEWEST_POINTS:
+        if self.lacks_uncertainty:
             self.uncertainty_ = discrepancy_of(self, fit_posterior(self, X, y), X)
         return self
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr, stdtrit
 
-from torquebench.compensation.base import FEWEST_POINTS, CompensationModel
+from torquebench.compensation.base import CompensationModel
 from torquebench.compensation.checks import (
     CalibrationPoints,
     Outlier,
@@ -542,7 +542,7 @@ class _Posteriors:
 
     def complete(self, model: CompensationModel) -> CompensationModel:
         """Add the uncertainty to a model whose curve was fitted without it."""
-        if model.uncertainty_ is None and model.points_ >= FEWEST_POINTS:
+        if model.lacks_uncertainty:
             key = (model.range_nm, model.range_margin, model.outliers, model.zeroed)
             if key not in self._fitted:
                 self._fitted[key] = fit_posterior(model, self._X, self._y)

@@ -253,13 +253,6 @@ class BenchTwin:
             return
         self._tell(index, np.nan, speed)
 
-    def set_ambient(self, temperature_c: float) -> None:
-        """Set the hall's temperature; the parts follow with their own time constants.
-
-        Before the first block, all parts get this temperature.
-        """
-        self.set_climate(temperature_c)
-
     def set_climate(
         self,
         mean_c: float,

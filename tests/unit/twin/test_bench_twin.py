@@ -310,7 +310,7 @@ def test_encoders_count_the_angle():
 
 def test_temperatures_have_probes_with_errors_and_the_reducer_warms():
     twin = driven(make(mounting="reducer"), "input")
-    twin.set_ambient(23.0)
+    twin.set_climate(23.0)
     twin.command_speed("input", 1200.0 * RPM)
     first = twin.advance(0.5)
     for _ in range(4):
@@ -325,9 +325,9 @@ def test_temperatures_have_probes_with_errors_and_the_reducer_warms():
 
 def test_ambient_before_the_first_block_is_where_everything_starts():
     twin = BenchTwin(NOMINAL, 1, active_channels=())
-    twin.set_ambient(30.0)
+    twin.set_climate(30.0)
     assert set(np.round(list(twin.advance(0.01).truth.temperature_c.values()), 1)) == {30.0}
-    twin.set_ambient(10.0)
+    twin.set_climate(10.0)
     assert min(twin.advance(1.0).truth.temperature_c.values()) > 29.5
 
 

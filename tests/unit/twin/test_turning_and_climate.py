@@ -74,9 +74,9 @@ def test_a_temperature_that_changes_shifts_the_zero_by_its_gradient() -> None:
     warming = signal_shift(TURNING, 0.0, 30.0, 28.0, 0.0)
     assert warming - steady == pytest.approx(-2.0 * TURNING.zero_gradient_per_k)
     twin = make()
-    twin.set_ambient(30.0)
+    twin.set_climate(30.0)
     assert (twin._state.shaft_c == 30.0).all()
-    twin.set_ambient(10.0)
+    twin.set_climate(10.0)
     twin.advance(20.0)
     behind = twin._state.shaft_c - twin._state.temperature_c[1:3]
     assert np.all((behind > 0.0) & (behind < 1.0))

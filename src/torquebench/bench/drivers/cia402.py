@@ -24,7 +24,6 @@ from torquebench.bench.drivers.links import (
     TimeOut,
     WireError,
     check_drive_order,
-    drive_timeout,
 )
 from torquebench.bench.drivers.plugins import (
     DriverPlugin,
@@ -615,11 +614,8 @@ def _drive(request: InstrumentRequest) -> Cia402Drive:
     """Open a side's drive, with a time-out that its watchdog allows."""
     assert request.side is not None
     options: Cia402Options = request.read(Cia402Options)
-    watchdog_s = request.description.module(request.side).drive.watchdog_s
-    options = options.model_copy(
-        update={"timeout_s": drive_timeout(options.timeout_s, watchdog_s, request.section)}
-    )
-    link = CanopenLink(request.section.removeprefix("driver.").replace("_", " "), options)
+    watchdog_s, timeout_s = request.drive_times(options.timeout_s)
+    link = CanopenLink(request.name, options.model_copy(update={"timeout_s": timeout_s}))
     with link.kept():
         return Cia402Drive(link, request.side, options, watchdog_s)
 

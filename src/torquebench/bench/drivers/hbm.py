@@ -151,7 +151,7 @@ class HbmAmplifier(LineLink):
 
 def _open(request: InstrumentRequest) -> Any:
     options: HbmOptions = request.read(HbmOptions)
-    name, limit_s = request.section.removeprefix("driver."), answer_s(request, options.timeout_s)
+    name, limit_s = request.name, answer_s(request, options.timeout_s)
     return opened(HbmAmplifier(name, options, limit_s), request, options)
 
 

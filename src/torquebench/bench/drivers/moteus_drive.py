@@ -20,7 +20,6 @@ from torquebench.bench.drivers.links import (
     TimeOut,
     WireError,
     check_drive_order,
-    drive_timeout,
     wait_until_enabled,
 )
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest, require_library
@@ -258,10 +257,8 @@ def _drive(request: InstrumentRequest) -> MoteusDrive:
     """Open a side's drive, with a time-out that its watchdog allows."""
     assert request.side is not None
     options: MoteusOptions = request.read(MoteusOptions)
-    watchdog_s = request.description.module(request.side).drive.watchdog_s
-    timeout_s = drive_timeout(options.timeout_s, watchdog_s, request.section)
-    name = request.section.removeprefix("driver.").replace("_", " ")
-    with MoteusLink(name, options, timeout_s).kept() as link:
+    watchdog_s, timeout_s = request.drive_times(options.timeout_s)
+    with MoteusLink(request.name, options, timeout_s).kept() as link:
         assert isinstance(link, MoteusLink)
         return MoteusDrive(link, request.side, options, watchdog_s)
 

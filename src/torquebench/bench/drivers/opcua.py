@@ -177,7 +177,7 @@ class OpcUaProbes:
 
 def _amplifier(request: InstrumentRequest) -> Any:
     options: OpcUaOptions = request.read(OpcUaOptions)
-    name, limit_s = request.section.removeprefix("driver."), answer_s(request, options.timeout_s)
+    name, limit_s = request.name, answer_s(request, options.timeout_s)
     if options.timeout_s is None:
         limit_s = max(limit_s, SHORTEST_ANSWER_S)
     return opened(OpcUaServer(name, options, dict(options.channels), limit_s), request, options)

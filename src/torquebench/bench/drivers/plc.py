@@ -26,7 +26,6 @@ from torquebench.bench.drivers.links import (
     SwitchingTime,
     TimeOut,
     check_drive_order,
-    drive_timeout,
     wait_until_enabled,
 )
 from torquebench.bench.drivers.modbus.register_map import Coil, Contact
@@ -151,7 +150,7 @@ class _PlcValues:
             for name, number in zip(self._names, numbers, strict=True)
         }
 
-    def identity(self, role: str) -> Identity:
+    def identity(self, role: str = "temperature") -> Identity:
         """Request the identity."""
         return self._link.identity(role)
 
@@ -162,10 +161,6 @@ class _PlcValues:
 
 class PlcProbes(_PlcValues):
     """Temperature probes of a PLC."""
-
-    def identity(self, role: str = "temperature") -> Identity:
-        """Request the identity."""
-        return super().identity(role)
 
     def temperatures(self) -> Mapping[str, float]:
         """Read all probes; those without a value, or of a silent PLC, are missing."""
@@ -404,8 +399,7 @@ def plc_plugin(name: str, base: type[PlcOptions], variable: Any, life: Any, open
         travel_s: Annotated[float, Field(gt=0.0, le=120.0, description="s")] = 10.0
 
     def linked(request: InstrumentRequest, options: Any, timeout_s: float | None = None) -> PlcLink:
-        named = request.section.removeprefix("driver.").replace("_", " ")
-        link = opens(named, options, timeout_s or options.timeout_s or ANSWER_S)
+        link = opens(request.name, options, timeout_s or options.timeout_s or ANSWER_S)
         link.serial = options.serial
         return link
 
@@ -429,8 +423,7 @@ def plc_plugin(name: str, base: type[PlcOptions], variable: Any, life: Any, open
         """Open a side's drive, with a time-out that its watchdog allows."""
         assert request.side is not None
         options = request.read(Drive)
-        watchdog_s = request.description.module(request.side).drive.watchdog_s
-        timeout_s = drive_timeout(options.timeout_s, watchdog_s, request.section)
+        watchdog_s, timeout_s = request.drive_times(options.timeout_s)
         with linked(request, options, timeout_s).kept() as link:
             return PlcDrive(link, options.structure, request.side, watchdog_s, options.switching_s)
 

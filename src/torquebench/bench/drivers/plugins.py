@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict
 
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import DriverSet
+from torquebench.bench.drivers.links import drive_timeout
 from torquebench.bench.roles import Side
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -79,6 +80,17 @@ class InstrumentRequest:
     options: Mapping[str, Any]
     description: BenchDescription
     side: Side | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the instrument in messages, such as `input drive`."""
+        return self.section.removeprefix("driver.").replace("_", " ")
+
+    def drive_times(self, described_s: float | None) -> tuple[float, float]:
+        """Return a drive's watchdog time and the time-out of its answers, s: `drive_timeout`."""
+        assert self.side is not None
+        watchdog_s = self.description.module(self.side).drive.watchdog_s
+        return watchdog_s, drive_timeout(described_s, watchdog_s, self.section)
 
     def read(self, model: type[Any]) -> Any:
         """Check the section's keys against a model, and return them; raises `InputError`."""

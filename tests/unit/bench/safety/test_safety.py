@@ -82,7 +82,7 @@ def test_heat_stops_the_bench(open_bench: OpenBench) -> None:
         bench.load_output(100.0)
         bench.clock.wait(1.0)
         assert bench.supervisor.alarm is None
-        bench.simulated.twin.set_ambient(500.0)
+        bench.simulated.twin.set_climate(500.0)
         with pytest.raises(LimitError, match="temperature limit: probe output_transducer"):
             bench.clock.wait(600.0)
         assert_safe(bench, AlarmKind.TEMPERATURE_LIMIT, "output_transducer")

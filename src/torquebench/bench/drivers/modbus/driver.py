@@ -19,7 +19,6 @@ from torquebench.bench.drivers.fixture import (
 from torquebench.bench.drivers.links import (
     SwitchingTime,
     check_drive_order,
-    drive_timeout,
     wait_until_enabled,
 )
 from torquebench.bench.drivers.modbus import register_map
@@ -173,16 +172,15 @@ class ModbusDrive:
 
 
 def _link(request: InstrumentRequest, options: ModbusOptions) -> ModbusLink:
-    return ModbusLink(request.section.removeprefix("driver.").replace("_", " "), options)
+    return ModbusLink(request.name, options)
 
 
 def _drive(request: InstrumentRequest) -> ModbusDrive:
     """Open a side's drive, with a time-out that its watchdog allows."""
     assert request.side is not None
     options: DriveOptions = request.read(DriveOptions)
-    watchdog_s = request.description.module(request.side).drive.watchdog_s
     described_s = options.timeout_s if "timeout_s" in options.model_fields_set else None
-    timeout_s = drive_timeout(described_s, watchdog_s, request.section)
+    watchdog_s, timeout_s = request.drive_times(described_s)
     link = _link(request, options.model_copy(update={"timeout_s": timeout_s}))
     with link.kept():
         return ModbusDrive(link, request.side, watchdog_s, options.switching_s)

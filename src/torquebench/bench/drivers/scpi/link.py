@@ -80,9 +80,6 @@ class ScpiLink(Link[LineConnection]):
         1 for an instrument whose answers remove data from it, which a repeated request would lose.
     """
 
-    def __init__(self, name: str, address: str, timeout_s: float, attempts: int = 2) -> None:
-        super().__init__(name, address, timeout_s, attempts)
-
     def _open(self) -> LineConnection:
         """Connect by VISA or a socket, and clear earlier errors."""
         connection: LineConnection
