@@ -39,8 +39,8 @@ degrees of freedom, so that ±2u covers 95.45 %.
 class Component(NamedTuple):
     """Contribution of one source to torques, and its uncertainty.
 
-    It isn't a `BudgetLine`, of which `Torque.budget` makes one for one torque: it holds many torques
-    and the places that correlate them, and every live block makes some twenty of it.
+    It isn't a `BudgetLine`, into which `Torque.budget` turns it for one torque: it holds many
+    torques and the places that correlate them, and every live block makes some twenty of it.
 
     Parameters
     ----------
