@@ -141,9 +141,12 @@ def as_input_error(
 
 
 _NAME = "letters, digits, `.`, `_` and `-`, beginning with a letter or a digit"
+_COUNTRY = "a country's two capital letters (ISO 3166)"
 _OF_PATTERNS: Mapping[str, str] = {
     r"^[A-Za-z0-9][A-Za-z0-9._-]*$": _NAME,
     r"^([A-Za-z0-9][A-Za-z0-9._-]*)?$": _NAME,
+    "^[A-Z]{2}$": _COUNTRY,
+    "^([A-Z]{2})?$": _COUNTRY,
     "^([0-9a-f]{64})?$": "a SHA-256 of 64 hexadecimal digits",
 }
 """What a text must be that doesn't match a pattern."""

@@ -28,7 +28,7 @@ from websockets.sync.client import connect
 from torquebench.panel.pages.frame import REFRESH_S
 
 pytestmark = SLOW
-PATHS = ("/", "/calibrate", "/reducer", "/records", "/settings", "/alarms")
+PATHS = ("/", "/setup", "/calibrate", "/reducer", "/records", "/settings", "/alarms")
 
 
 @pytest.fixture(scope="module")
@@ -293,6 +293,35 @@ def test_a_page_is_accessible_and_fits_a_phone(person: Visitor, path: str) -> No
     assert small == []
     assert person.driver.execute_script(COVERED) == []
     assert person.axe() == []
+
+
+def test_a_newcomer_sees_which_steps_are_done_and_states_the_laboratory(
+    person: Visitor, panel: Panel
+) -> None:
+    done = "return [...document.querySelectorAll('.checklist .done a')].map((each) => each.text)"
+    person.open("/setup")
+    person.sees("Until the first certificate")
+    assert "Calibrate a module" not in person.driver.execute_script(done)
+    assert "Add a second person" in person.driver.execute_script(done)
+    person.press("State the laboratory and its customer")
+    person.fill("Name", "Lab Nord")
+    person.fill("City", "Ulm")
+    person.fill("Country", "Germany")
+    person.press("Start")
+    person.sees("a country's two capital letters")
+    person.fill("Country", "DE")
+    person.press("Start")
+    person.sees("Certificates name Lab Nord.")
+    assert 'city = "Ulm"' in (panel.folder / "data" / "laboratory.toml").read_text("utf-8")
+    person.press("New bench")
+    person.wait(lambda: "part=bench" in person.driver.current_url, "the part in the address")
+    person.driver.refresh()
+    person.connected()
+    person.press("Laboratory and customer")
+    person.wait(
+        lambda: person.field("Name").get_attribute("value") == "Lab Nord", "the stated laboratory"
+    )
+    assert person.problems() == []
 
 
 def test_everything_is_reached_by_keyboard(person: Visitor) -> None:

@@ -78,6 +78,7 @@ _PACKAGED: Mapping[str, str] = {
     "records compare": "history:COMPARE",
     "records drift": "history:DRIFT",
     "records due": "due:DUE",
+    "records laboratory": "laboratory:LABORATORY",
     "records compare-models": "models:COMPARE_MODELS",
     "records fit-model": "models:FIT_MODEL",
     "records use": "models:USE",

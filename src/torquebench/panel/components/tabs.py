@@ -23,6 +23,8 @@ class Tabs:
         Functions that build a part.
     first : str
         The initial part; by default the first one.
+    on_choice : callable, optional
+        Called with the name of a part that the reader has chosen.
     """
 
     def __init__(
@@ -31,16 +33,22 @@ class Tabs:
         titles: Mapping[str, str],
         views: Mapping[str, Callable[[], Any]],
         first: str = "",
+        on_choice: Callable[[str], Any] = lambda _: None,
     ) -> None:
         self._views = views
+        self._on_choice = on_choice
         self._buttons: dict[str, Any] = {}
         with box("div", "tabs", role="group", aria_label=label):
             for name, title in titles.items():
                 made = words("button", title, "control", type="button", aria_pressed="false")
-                on_press(made, partial(self.show, name))
+                on_press(made, partial(self._choose, name))
                 self._buttons[name] = made
         self._content = box("div", "stack")
         self.show(first if first in titles else next(iter(titles)))
+
+    def _choose(self, name: str) -> None:
+        self.show(name)
+        self._on_choice(name)
 
     def show(self, name: str) -> None:
         """Show one part."""

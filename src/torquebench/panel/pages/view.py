@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 
+from nicegui import ui
+
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.elements import note
 from torquebench.panel.components.tabs import Tabs
@@ -50,10 +52,17 @@ class View:
 
 
 def tabs(visitor: Visitor, page: str, views: Mapping[str, Callable[[Visitor], View]]) -> None:
-    """Add the tabs of a page; the query parameter `part` names the initial one."""
+    """Add the tabs of a page; the part of its address names the initial and the present one."""
     titles = {name: visitor.text(f"{page}.{name}") for name in views}
     parts = {name: partial(_build, view, visitor) for name, view in views.items()}
-    Tabs(visitor.text(f"navigation.{page}"), titles, parts, visitor.query.get("part", ""))
+    path = visitor.address.partition("?")[0]
+    Tabs(
+        visitor.text(f"navigation.{page}"),
+        titles,
+        parts,
+        visitor.query.get("part", ""),
+        lambda name: ui.navigate.history.replace(f"{path}?part={name}"),
+    )
 
 
 def _build(view: Callable[[Visitor], View], visitor: Visitor) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -26,6 +27,7 @@ from torquebench.panel.service import JobView
 from torquebench.panel.text import Text
 
 __all__ = [
+    "OperationPanel",
     "operation_buttons",
     "operation_dialog",
     "operations_page",
@@ -66,10 +68,19 @@ def describe(text: Text, operation: Operation) -> None:
                 words("li", text.core(item))
 
 
-class _OperationPage:
-    """The page of an operation: form, preview, and result."""
+class OperationPanel:
+    """An operation's form, preview, job, and result.
 
-    def __init__(self, visitor: Visitor, operation: Operation) -> None:
+    Parameters
+    ----------
+    visitor : Visitor
+    operation : Operation
+    given : mapping
+        Initial values by parameter name.
+    """
+
+    def __init__(self, visitor: Visitor, operation: Operation, given: Mapping[str, Any]) -> None:
+        self._given = given
         self._visitor, self._text, self._operation = visitor, visitor.text, operation
         self._shown: tuple[Any, ...] | None = None
         self._plan: Preview | None = None
@@ -87,7 +98,7 @@ class _OperationPage:
                     self._form = OperationForm(
                         self._visitor,
                         operation,
-                        unsuccessful(self._visitor, operation.key) | _given(self._visitor),
+                        unsuccessful(self._visitor, operation.key) | dict(self._given),
                         on_change=self._preview,
                     )
                     if operation.signed:
@@ -152,11 +163,6 @@ class _OperationPage:
         with refilled(self._result):
             if job is not None and job.result is not None:
                 show_description(self._visitor, job.result)
-
-
-def _given(visitor: Visitor) -> dict[str, Any]:
-    """Return the parameter values in the page's URL."""
-    return {name: value for name, value in visitor.query.items() if name != "key"}
 
 
 def unsuccessful(visitor: Visitor, kind: str) -> dict[str, Any]:
@@ -242,7 +248,8 @@ def operation_page(visitor: Visitor) -> None:
         with frame(visitor, "operations"):
             empty(text.core(error.found), "search_off")
         return
-    shown = _OperationPage(visitor, operation)
+    given = {name: value for name, value in visitor.query.items() if name != "key"}
+    shown = OperationPanel(visitor, operation, given)
     with frame(visitor, "operations", shown.refresh, text.core(operation.summary)):
         if not visitor.has_role(operation.role):
             visitor.not_allowed()

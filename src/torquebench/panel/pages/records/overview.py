@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 
 from nicegui import ui
@@ -132,15 +131,16 @@ class _Runs(View):
 class _Calibrations(View):
     """The view of calibrations with their models, and a chart of several calibrations' errors."""
 
-    _chosen: Sequence[int] = ()
-
     def build(self) -> None:
+        named = self._visitor.query.get("with", "").split(",")
+        self._chosen = [int(number) for number in named if number.isdecimal()][: len(COLOURS) - 1]
         if self._visitor.has_role("metrologist"):
             with box("div", "line end"):
                 link_button(self._text("external.open"), "/operations/records-import")
         self._compared = box("div")
         self._list = box("div")
         self._show()
+        self._compare()
 
     def _show(self) -> None:
         text = self._text
@@ -189,6 +189,8 @@ class _Calibrations(View):
         self._chosen = others if number in self._chosen else [*others[-4:], number]
         self._show()
         self._compare()
+        named = ",".join(map(str, self._chosen))
+        ui.navigate.history.replace(f"/records?part=calibrations{'&with=' if named else ''}{named}")
         if self._chosen:
             with self._list:  # the selected row was removed
                 to_the_top()
