@@ -262,6 +262,7 @@ class _Torques:
         )
 
     def window(self, start_s: float, stop_s: float) -> tuple[FloatArray, Torque] | None:
+        """Return times and torques in [start, stop); None without any."""
         recent = None if self._recent is None else self._recent.window(start_s, stop_s)
         if recent is None or not len(recent):
             return None

@@ -108,6 +108,7 @@ class BenchClock:
         return loop
 
     def _notify(self) -> None:
+        """Let sleepers on threads check the time."""
         if self._sleepers:  # later sleepers get their own notification
             with self._condition:
                 self._condition.notify_all()
@@ -140,6 +141,7 @@ class BenchClock:
                 future.set_exception(error)
 
         def wake(error: BaseException | None) -> None:
+            """Let the event loop end the sleep; called from acquisition's thread."""
             if loop.is_closed():
                 return
             if activity is not None:
@@ -164,6 +166,7 @@ class BenchClock:
         outcome: list[BaseException] = []
 
         def wake(error: BaseException | None) -> None:
+            """End the sleep, or keep the error for the sleeping thread."""
             if error is not None:
                 outcome.append(error)
             woken.set()

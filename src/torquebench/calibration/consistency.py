@@ -640,6 +640,7 @@ class _Search:
         pull = precision @ self.table.error
 
         def box(values: FloatArray) -> FloatArray:
+            """Return the sums of square parts of a matrix, from `first` to `end`."""
             total = np.zeros((self.size + 1, self.size + 1))
             total[1:, 1:] = values.cumsum(axis=0).cumsum(axis=1)
             corners = total[end, end] - total[first, end] - total[end, first] + total[first, first]
@@ -794,9 +795,13 @@ class _Search:
         others: Sequence[_Explanation],
         amplitudes: FloatArray,
     ) -> Disagreement:
-        """Return an explanation as a disagreement, with its cause and credible rows."""
+        """Return an explanation as a disagreement, with its cause and credible rows.
+
+        The cause is a changed zero or scale where one of them has nearly all the odds, else
+        unknown. The credible rows are those at which the change may begin and end.
+        """
         cause: Cause = "unknown"
-        first, end = (explanation.first,) * 2, (explanation.end,) * 2
+        first, end = (explanation.first,) * 2, (explanation.end,) * 2  # earliest and latest
         if explanation.kind != "row":
             scans = self._scan(amplitudes, others)
             chosen = {kind: odds for kind, odds, *_ in scans if kind != "row"}

@@ -286,6 +286,7 @@ def predict_drift(
     first = min(moments)
 
     def when(outside: NDArray[np.bool_]) -> datetime | None:
+        """Return the first moment at which a condition holds; None if it never does."""
         if not np.any(outside):
             return None
         return first + timedelta(days=float(grid[int(np.argmax(outside))]) * DAYS_PER_YEAR)
@@ -328,6 +329,7 @@ def _finite(values: ArrayLike) -> NDArray[np.float64]:
 
 
 def _years(moments: list[datetime]) -> NDArray[np.float64]:
+    """Return moments as years after the first one."""
     first = min(moments, default=None)
     if first is None:
         return np.empty(0)

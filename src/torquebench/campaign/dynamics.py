@@ -134,6 +134,7 @@ def identify_dynamics(
     chain = None if stored is None else MeasuringChain(stored.model)
 
     def torque_of(table: _Table) -> NDArray[np.float64]:
+        """Return a run's torques: compensated if a chain is given."""
         if chain is None:
             return table["reading_nm"]
         record = Readings(table["reading_nm"], time_s=table["time_s"])

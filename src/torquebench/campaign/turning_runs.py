@@ -321,6 +321,7 @@ def _write(target: Path, table: EmptyTable, station: Station, profile: TurningPr
 def _write_table(
     target: Path, remarks: Mapping[str, str], columns: Sequence[str], rows: Sequence[str]
 ) -> None:
+    """Write a table with its remarks; an error leaves the file as it was."""
     lines = [f"# {name} = {value}" for name, value in remarks.items()]
     atomic_write(target, "\n".join([*lines, ",".join(columns), *rows]) + "\n")
 

@@ -426,12 +426,14 @@ class CompensationModel(Estimator, ABC):
     # ---- checks ---------------------------------------------------------------------------
 
     def _validated(self, X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return checked points; an error names the point that is wrong."""
         try:
             return self._checked_points(X, y)
         except ValueError as problem:
             raise explain_rejection(problem, X, y) from problem
 
     def _validated_rows(self, X: ArrayLike) -> FloatArray:
+        """Return checked rows; an error names the row that is wrong."""
         try:
             return self._checked_rows(X)
         except ValueError as problem:

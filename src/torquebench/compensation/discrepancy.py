@@ -78,6 +78,7 @@ def discrepancy_of(
     series = float(np.min(feature_column(X, "series")))
 
     def rows(u: FloatArray, branch: FloatArray) -> FloatArray:
+        """Return columns of a model at shares of full scale."""
         # u times full scale is rounded and may then exceed the limits
         full = np.zeros((u.size, max(width, 3)))
         full[:, :3] = features(np.clip(scale * u, low, high), branch, series)

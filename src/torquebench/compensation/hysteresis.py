@@ -239,6 +239,7 @@ class HysteresisOperator:
 
     @cached_property
     def _grid(self) -> FloatArray:
+        """Torques of even steps over the whole path, N·m."""
         largest = max(float(np.max(np.abs(self.path_nm))), self.full_scale_nm)
         steps = int(np.ceil(_REFERENCE_STEPS * largest / self.full_scale_nm))
         step = self.full_scale_nm / _REFERENCE_STEPS
@@ -261,6 +262,7 @@ class HysteresisOperator:
         return np.array([self._grid, _filled(falling, rising), _filled(rising, falling)])
 
     def _loop_width_at(self, reading: FloatArray) -> FloatArray:
+        """Return the width of the reference loop at readings."""
         grid, falling, rising = self.reference
         width = np.interp(reading, grid, rising) - np.interp(reading, grid, falling)
         return np.asarray(np.maximum(width, 0.0))

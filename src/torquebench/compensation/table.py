@@ -226,6 +226,7 @@ def compile_table(
     branch_aware = branches and columns > 1 and "branch" in model.used_features
 
     def rows(reading: FloatArray, branch: int) -> FloatArray:
+        """Return columns of a model at readings of one branch."""
         X = np.tile(np.asarray(fixed[:columns], dtype=np.float64), (reading.size, 1))
         X[:, 0] = reading
         if columns > FEATURES.index("branch"):

@@ -110,6 +110,7 @@ def identify(runs: Sequence[Known], window_s: float = 0.0) -> TransferFunction:
         raise InputError("runs of different sample rates", "one rate", "count equal windows")
 
     def chain(free: FloatArray) -> TransferFunction:
+        """Return the transfer function of these parameters."""
         lag_s, delay_s = np.maximum(free[2:], 0.0) if free.size == 4 else (max(free[2], 0.0), 0.0)
         return TransferFunction(
             float(np.exp(free[0])), float(np.exp(free[1])), float(lag_s), float(delay_s), window_s

@@ -259,6 +259,7 @@ def twisted_solid(
 
     @LinearForm
     def traction(v: Any, w: Any) -> Any:
+        """Return the work of a torque's stress, as of a rigid plane, on a displacement."""
         along, across = w.x[0] - centre[0], w.x[1] - centre[1]
         moved = across * v[2] if axis == 0 else along * v[1] - across * v[0]
         return moved * torque_nm / second_moment

@@ -14,6 +14,7 @@ FloatArray = NDArray[np.float64]
 
 
 def _positive(name: str, value: ArrayLike) -> FloatArray:
+    """Return a value as an array; refuse values that aren't above 0."""
     array = np.asarray(value, dtype=np.float64)
     if not (np.all(np.isfinite(array)) and np.all(array > 0.0)):
         raise InputError(Message("{name} = {value!r}", name, value), "finite and above 0")

@@ -105,6 +105,7 @@ class _Loader:
             yield from self._checked(TakenStep(step))
 
     def _zero(self, step: Step) -> Plan[None]:
+        """Take the zero of reading and standard, as a step of its own."""
         yield from self._stamp(step)
         side = self.setup.side
         zeroed = yield from zero(self.devices, side, duration_s=step.duration_s, standard=True)

@@ -279,6 +279,7 @@ def _weights(speed: Floats, torque: Floats, at_speed: Floats, at_torque: Floats)
 
 
 def _weights_on_line(axis: Floats, place: Floats) -> Floats:
+    """Return the weights of linear interpolation along one axis."""
     order = np.argsort(axis, kind="stable")
     units = np.eye(axis.size)[order]
     columns = [np.interp(place, axis[order], units[:, k]) for k in range(axis.size)]

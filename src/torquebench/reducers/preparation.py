@@ -215,6 +215,7 @@ def _word(column: str) -> str:
 
 
 def _rows_named(rows: NDArray[np.int64]) -> str:
+    """Return row numbers in words, the first five of many."""
     numbers = ", ".join(str(row) for row in rows[:5])
     if rows.size > 5:
         numbers = Message("{rows} and {count} more", numbers, rows.size - 5)

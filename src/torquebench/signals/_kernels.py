@@ -73,6 +73,7 @@ def slope_and_intervals(ticks, low, high):  # type: ignore[no-untyped-def] # Num
 
 @inner
 def _first_out_of_order(ticks, low, high):  # type: ignore[no-untyped-def] # Numba infers
+    """Return the first edge that isn't later than the one before it; -1 for none."""
     for i in range(max(low, 1), high):
         if ticks[i] <= ticks[i - 1]:
             return i

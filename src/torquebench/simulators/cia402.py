@@ -76,6 +76,7 @@ class Cia402Node:
         self.node.add_write_callback(self._written)
 
     def _power_up(self) -> None:
+        """Begin as after switching on: no mode, no set points."""
         self._mode = self._word = 0
         self._targets = {cia402.TARGET_TORQUE: 0, cia402.TARGET_VELOCITY: 0}
         self._ramps = dict.fromkeys(RAMPS, 1)

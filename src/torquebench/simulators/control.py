@@ -165,6 +165,7 @@ class ControlServer(LineServer):
         return {}
 
     def _truth(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the true torque of a side over an interval of bench time."""
         epoch_s, now_s = self._plant.epoch_s, self._plant.now_s
         start_s = epoch_s + request.get("start_s", now_s - epoch_s - TRUTH_WINDOW_S)
         stop_s = epoch_s + request.get("stop_s", now_s - epoch_s)
@@ -172,6 +173,7 @@ class ControlServer(LineServer):
         return {"torque_nm": torque, "time_s": now_s - epoch_s}
 
     def _sweep(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Return noise-free readings along a path of torques."""
         path = np.array(request["torque_nm"], dtype=np.float64)
         reading, branch = self._plant.bench.dense_sweep(
             request["side"], path, alone=bool(request.get("alone", False))

@@ -99,12 +99,14 @@ class _Servicer(services.NiDAQmxServicer):
         raise BenchError("unreachable")
 
     def _task(self, request: Any, context: Any) -> _Task:
+        """Return a request's task; fail if there is none."""
         task = self._tasks.get(request.task.name)
         if task is None:
             self._fail(context, NO_SUCH_TASK)
         return task
 
     def _wired(self, counter: str, context: Any) -> str:
+        """Return what is wired to a counter; fail if nothing is."""
         wired = self._wiring.get(counter)
         if wired is None:
             self._fail(context, NO_SUCH_COUNTER)

@@ -117,6 +117,7 @@ class WireFaults:
                 self._orders.pop(kind, None)
 
     def _order(self, kind: MisbehaviourKind) -> _Order | None:
+        """Return a misbehaviour that was started and isn't over."""
         order = self._orders.get(kind)
         if order is not None and order.over():
             self._orders.pop(kind, None)

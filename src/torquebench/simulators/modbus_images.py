@@ -171,6 +171,7 @@ class DriveImage(Image):
                 raise ValueError(address.name)
 
     def _power_if_due(self) -> None:
+        """Switch the drive on when its delay is over."""
         if time.monotonic() >= self._power_at:
             self._power_at = math.inf
             self._drive.enable()

@@ -186,6 +186,7 @@ class ScpiInstrument(ABC):  # noqa: B024 - some have nothing else to do
         return None
 
     def _status(self) -> int:
+        """Return the status byte of IEEE 488.2."""
         summary = bool(self._events & self._masks["*ESE"])
         status = (4 if self._errors else 0) | (32 if summary else 0)
         return status | (64 if status & self._masks["*SRE"] else 0)
@@ -248,6 +249,7 @@ class ScpiFrequencyCounter(ScpiInstrument):
         """Serve a setting that can be written and queried."""
 
         def put(arguments: Sequence[str], _: WireFaults) -> None:
+            """Store a setting, which stops the measurement."""
             value = parse(arguments[0])
             self._stop()
             self._settings[pattern] = value
@@ -277,6 +279,7 @@ class ScpiFrequencyCounter(ScpiInstrument):
         return float(self._settings["[SENSe:]FREQuency:GATE:TIME"])
 
     def _stop(self) -> None:
+        """Stop counting and forget the readings."""
         if self._tap is not None:
             self._plant.release(self._tap)
             self._plant.counting(False)

@@ -33,6 +33,7 @@ SHAFT_STATES = 7
 
 @inner
 def _shaft_torque(drive: DriveConstants, row: FloatArray, conversion: int) -> float:
+    """Return the torque that a twisted shaft passes on; 0 if the side turns freely."""
     if conversion == CONVERSION_FREE:
         return 0.0
     twist = row[MOTOR_ANGLE] - row[FLANGE_ANGLE] - row[RELAXED]

@@ -98,6 +98,7 @@ def encoder_certificate(
 
 
 def _graduation_error(encoder: EncoderConstants, angle_rad: FloatArray) -> FloatArray:
+    """Return the errors of an encoder's graduation: one and two waves a turn."""
     error = np.zeros_like(angle_rad)
     for k in range(2):
         error += encoder.error_rad[k] * np.sin((k + 1) * angle_rad + encoder.error_phase_rad[k])

@@ -102,6 +102,7 @@ class AuditLog:
     def _stamp(
         self, _logger: Any, _method: str, event: MutableMapping[str, Any]
     ) -> Mapping[str, Any]:
+        """Add the bench time to an entry."""
         return {**event, "bench_time_s": round(self._bench_time(), 6)}
 
     # -- context ----------------------------------------------------------------------------
@@ -166,6 +167,7 @@ class AuditLog:
                 self._writer.start()
 
     def _end_writer(self) -> None:
+        """End the thread that writes, after all waiting entries."""
         with self._starting:
             writer, self._writer = self._writer, None
             if writer is not None:
@@ -272,6 +274,7 @@ class _Sink:
 
 
 def _write_all(file: int, content: bytes) -> None:
+    """Write all bytes to a file descriptor."""
     written = 0
     while written < len(content):
         written += os.write(file, content[written:])

@@ -64,6 +64,7 @@ class SynchronousRecording:
         """Concatenate recordings; without any, the columns are empty."""
 
         def column(name: str) -> Any:
+            """Return an attribute of all parts as one."""
             columns = [getattr(part, name) for part in parts]
             if name.endswith("_parts"):
                 return TorqueParts.joined(columns)

@@ -254,6 +254,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         return values
 
     def _steady(self, channel: str, start_s: float, stop_s: float) -> _Evaluated:
+        """Return a channel's steady value in an interval."""
         record = self._context.acquisition.window(channel, start_s, stop_s)
         self._check_complete(channel, record, start_s, stop_s)
         steady = self._steady_value(record.time_s, record["reading_nm"])

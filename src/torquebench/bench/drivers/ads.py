@@ -82,6 +82,7 @@ class AdsLink(PlcLink):
         return float(value)
 
     def _write(self, connection: Any, values: Mapping[str, float]) -> None:
+        """Write all values by one request; any refusal is an error."""
         answers = self._asked(connection.write_list_by_name, dict(values))
         refused = {name: text for name, text in answers.items() if text != "no error"}
         for name, text in refused.items():

@@ -264,6 +264,7 @@ class CanopenLink(Link[Any]):
         """Return the last emergency message (EMCY) that wasn't reset; empty without one."""
 
         def ask(network: Any, node: Any) -> str:
+            """Return the drive's active emergency code; empty if there is none."""
             del network
             active = node.emcy.active
             return str(active[-1]).replace("Code ", "EMCY ") if active else ""

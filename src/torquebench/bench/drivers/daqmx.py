@@ -237,6 +237,7 @@ class DaqmxCounter(LibraryCounter):
         return grpc.intercept_channel(plain, deadlines.Deadline(self._options.timeout_s))
 
     def _session(self, name: str) -> Any:
+        """Return the session of a device server; None for a local driver."""
         if self._channel is None:
             return None
         return self._nidaqmx.GrpcSessionOptions(self._channel, name)
@@ -256,6 +257,7 @@ class DaqmxCounter(LibraryCounter):
         """Read the device's identity; its serial number as in NI MAX, eight hexadecimal digits."""
 
         def question() -> tuple[str, int]:
+            """Read product and serial number."""
             device = self._nidaqmx.system.Device(
                 self._options.device, grpc_options=self._session("")
             )
@@ -272,6 +274,7 @@ class DaqmxCounter(LibraryCounter):
         mark = os.urandom(4).hex()
 
         def create(name: str) -> Any:
+            """Create a task under a name that no other program uses."""
             full = f"torquebench-{mark}-{name}"
             task = self._nidaqmx.Task(full, grpc_options=self._session(full))
             self._tasks[name] = task

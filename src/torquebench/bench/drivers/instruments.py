@@ -117,6 +117,7 @@ def open_instruments(description: BenchDescription) -> DriverSet:
     with contextlib.ExitStack() as opened:
 
         def open_one(key: str) -> Any:
+            """Open an instrument that is closed with the others."""
             instrument = _open(description, key, getattr(options, key))
             if hasattr(instrument, "close"):
                 opened.callback(instrument.close)

@@ -192,6 +192,7 @@ class Link(ABC, Generic[Connection]):
             ) from failure
 
     def _drop(self) -> None:
+        """Give up the connection, whether it can still be closed or not."""
         connection, self._connection = self._connection, None
         if connection is not None:
             with contextlib.suppress(Exception):  # the connection is lost in any case

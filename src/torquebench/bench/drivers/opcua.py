@@ -109,6 +109,7 @@ class OpcUaServer(Link[Any]):
         client._stop_own_tloop()
 
     def _asked(self, question: Callable[[], Any]) -> Any:
+        """Return the server's answer to a question; translate the library's errors."""
         try:
             return question()
         except (self._library.ua.UaError, OSError, RuntimeError, CancelledError) as error:

@@ -399,6 +399,7 @@ def plc_plugin(name: str, base: type[PlcOptions], variable: Any, life: Any, open
         travel_s: Annotated[float, Field(gt=0.0, le=120.0, description="s")] = 10.0
 
     def linked(request: InstrumentRequest, options: Any, timeout_s: float | None = None) -> PlcLink:
+        """Connect to the PLC, which states the described serial number."""
         link = opens(request.name, options, timeout_s or options.timeout_s or ANSWER_S)
         link.serial = options.serial
         return link

@@ -26,6 +26,7 @@ class _Session:
         self._file, self._lock, self._began_s = file, threading.Lock(), time.monotonic()
 
     def write(self, fields: Mapping[str, Any]) -> None:
+        """Write a line of the recording with its time."""
         with self._lock:
             t_s = round(time.monotonic() - self._began_s, 6)
             print(json.dumps({"t_s": t_s} | dict(fields), ensure_ascii=False), file=self._file)

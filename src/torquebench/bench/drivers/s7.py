@@ -56,12 +56,14 @@ class S7Link(PlcLink):
         connection.disconnect()
 
     def _asked(self, question: Any, *arguments: Any) -> Any:
+        """Return the PLC's answer to a question; translate the library's errors."""
         try:
             return question(*arguments)
         except (self._failure, RuntimeError, ValueError, struct.error, IndexError) as error:
             raise WireError(" ".join(str(error).split())[:160] or type(error).__name__) from error
 
     def _parts(self, names: Sequence[str]) -> list[tuple[int, str, int]]:
+        """Return the data block, format and offset that each name states."""
         matches = [re.fullmatch(PATTERN, name) for name in names]
         parts = [(int(m[1]), FORMATS[m[2]], int(m[3])) for m in matches if m is not None]
         assert len(parts) == len(names)
@@ -102,6 +104,7 @@ class S7Link(PlcLink):
             self._asked(connection.db_write, block, start, bytearray(data))
 
     def _plate(self, connection: Any) -> tuple[str, str, str]:
+        """Return manufacturer, order code and version."""
         code = self._asked(connection.get_order_code)
         version = f"{int(code.V1)}.{int(code.V2)}.{int(code.V3)}"
         return "Siemens", bytes(code.OrderCode).split(b"\0")[0].decode("ascii", "replace"), version

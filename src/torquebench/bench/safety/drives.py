@@ -186,11 +186,13 @@ class DriveWorker:
     # -- on the thread ----------------------------------------------------------------------
 
     def _run(self) -> None:
+        """Execute orders until the worker is closed."""
         prefer_this_thread()
         while (order := self._orders.get()) is not None:
             order()
 
     def _ramp(self, duration_s: float) -> None:
+        """Ramp to zero; switch the drive off if that fails."""
         try:
             self.drive.ramp_to_zero(duration_s)
         except Exception:  # whatever the error, the drive must not continue

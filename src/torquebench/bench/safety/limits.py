@@ -108,6 +108,7 @@ class LimitBook:
             self._combine()
 
     def _combine(self) -> None:
+        """Compute the present limits from the bench's own and those of all steps."""
         present = dict(self._own)
         for step in self._steps.values():
             present[step.side] = tightened(present[step.side], step)

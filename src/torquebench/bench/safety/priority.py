@@ -121,6 +121,7 @@ class _Lift:
             self._apply(min(sys.getswitchinterval(), SWITCH_INTERVAL_S), lifted)
 
     def end(self) -> None:
+        """Restore the interpreter's settings after the last bench is closed."""
         with self._lock:
             self._benches -= 1
             if self._benches == 0:
@@ -129,6 +130,7 @@ class _Lift:
 
     @staticmethod
     def _apply(switch_interval_s: float, niceness: int) -> None:
+        """Set the interpreter's switch interval and the niceness of all threads."""
         sys.setswitchinterval(switch_interval_s)
         for thread in threading.enumerate():
             if thread.native_id is not None:

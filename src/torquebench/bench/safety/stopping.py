@@ -224,6 +224,7 @@ class StopSequence:
         self._unloaded_s = max(self._unloaded_s, self._clock.now() + lasts_s)
 
     def _enter(self, stage: Stage, lasts_s: float, patience_s: float) -> None:
+        """Begin a stage with its time-out."""
         self.stage = stage
         self._began_s, self._began = self._clock.now(), time.monotonic()
         self._deadline = Deadline(self._clock, lasts_s, lasts_s + patience_s)

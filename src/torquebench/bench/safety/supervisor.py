@@ -426,6 +426,7 @@ class SafetySupervisor:
             self._unreachable_since = dict.fromkeys(self._workers, time.monotonic())
 
             def done(side: Side, was_told: bool) -> None:
+                """Trip if a drive didn't take the order to go off."""
                 self._unreachable_since.pop(side, None)
                 if not was_told and self._book.latched is None:
                     self._trip_for(unreachable(side))

@@ -150,6 +150,7 @@ class _Memory:
         return _Memory(self.filtering.copy(), self.settling, self.last_s, self.last_nm)
 
     def forget(self) -> None:
+        """Forget earlier samples."""
         self.filtering.forget()
         self.settling = 0
         self.last_s = self.last_nm = float("nan")

@@ -149,6 +149,7 @@ class MeasuredRotation(Effect):
 
     @cached_property
     def _loads(self) -> FloatArray:
+        """Tables of the drag by the load and its u over speed and torque."""
         shape = (2, len(self.speeds_rpm), len(self.load_at_nm))
         return np.array(
             [self.load_nm, self.load_uncertainty_nm] if self.load_at_nm else []

@@ -80,6 +80,7 @@ class MeasuredTemperature(Effect):
 
     @cached_property
     def _curves(self) -> FloatArray:
+        """Rows over temperature: zero and its u, span and its u."""
         nothing = np.zeros(len(self.at_c))
         curves = (self.zero_nm, self.zero_uncertainty_nm, self.span, self.span_uncertainty)
         return np.array([curve or nothing for curve in curves])

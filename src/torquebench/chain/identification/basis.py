@@ -201,6 +201,7 @@ def _zeros_of_runs(runs: int) -> Columns:
     """Return columns for each run's zero by creep and remanence: constant and decaying."""
 
     def columns(c: Circumstances) -> FloatArray:
+        """Return a constant for each run, and constants that fade after its start."""
         own = c.run[:, None] == np.arange(1, runs + 1)
         fading = np.exp(-c.since[:, None] / np.array(_CREEPS_S))
         return np.concatenate(

@@ -184,6 +184,7 @@ def _scale(rows: Sequence[_Rows], variance: float) -> float:
     usual = np.sqrt(sum(float(row.target @ row.target) for row in rows) / vector.size)
 
     def evidence(scale: float) -> float:
+        """Return the log evidence of a scale of the orders' prior."""
         spread = variance + scale**2 * size
         explained = float(np.sum(scale**2 * along / spread)) / variance
         return explained - float(np.sum(np.log(spread / variance)))

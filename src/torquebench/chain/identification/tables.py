@@ -296,6 +296,7 @@ class _Data:
 
 
 def _point_noise(calibration: TurningCalibration, range_nm: float) -> float | None:
+    """Return the noise of a point, share of the range; None if unknown."""
     error = calibration.standard_error_nm
     if error is None or not np.isfinite(error).all():
         return None

@@ -141,6 +141,7 @@ def _follow_uncertainty(table: CompensationTable, nodes: FloatArray) -> bool:
 
 
 def _jumps_at_zero(table: CompensationTable) -> bool:
+    """Return whether a branch of the curve jumps at zero."""
     return any(
         abs(table.at(0.0, branch) - table.at(-1e-12 * table.full_scale_nm, branch))
         > 0.1 * _LINEAR_SHARE * table.full_scale_nm

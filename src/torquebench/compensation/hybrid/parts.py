@@ -230,11 +230,13 @@ class _Smooth(Part):
     count: ClassVar[int] = 10
 
     def columns(self, points: Points, shape: FloatArray) -> Columns:  # noqa: ARG002
+        """Return sine waves of each direction, which vanish at zero torque."""
         sides = (np.maximum(points.u, 0.0), np.maximum(-points.u, 0.0))
         blocks = [np.sqrt(x)[:, None] * _sines(x - 0.5, self.half_width, self.count) for x in sides]
         return np.hstack(blocks), None
 
     def scales(self, shape: FloatArray) -> Scales:
+        """Return the waves' log scales by a length, and their slopes."""
         waves = np.tile(_waves(self.half_width, self.count), 2)
         value, slope = _squared_exponential(waves, shape[0])
         return value, slope[:, None]
@@ -255,6 +257,7 @@ class _Branch(Part):
         return points.branch[:, None] * np.hstack([closed, side * closed, x[:, None]]), None
 
     def scales(self, shape: FloatArray) -> Scales:
+        """Return the waves' log scales by a length, and the constant's."""
         waves = np.tile(_waves(self.half_width, self.count), 2)
         value, slope = _squared_exponential(waves, shape[0])
         return np.append(value, np.log(self.open_share)), np.append(slope, 0.0)[:, None]
@@ -291,6 +294,7 @@ class _Ripple(Part):
     reach: ClassVar[float] = 1.2  # of full scale: over this length amplitude and phase stay alike
 
     def columns(self, points: Points, shape: FloatArray) -> Columns:
+        """Return a sine and a cosine over torque with slowly changing amplitudes."""
         windows = _sines(points.u, self.half_width, self.count)
         angle = (TURN * shape[0] * points.u)[:, None]
         even, odd = np.cos(angle) * windows, np.sin(angle) * windows

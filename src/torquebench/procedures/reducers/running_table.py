@@ -112,6 +112,7 @@ class RunningTable:
             yield from power_on(self.devices, other)
 
     def _zero(self, side: Side, signal: float) -> None:
+        """Keep a zero with the torque that the chain then states for it."""
         context = self.devices.context
         active, standing = context.acquisition.compensation(side), 0.0
         if active is not None:

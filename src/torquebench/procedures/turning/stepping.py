@@ -196,6 +196,7 @@ class _Stepper:
         return stretches
 
     def _take(self, stretches: list[_Stretch], leg: TorqueLeg) -> Plan[None]:
+        """Record the samples of a leg."""
         recorder = self.devices.recorder
         yield from take(recorder, self.devices.point, stream="points")
         if recorder.fast is not None:  # a rehearsal records nothing

@@ -205,6 +205,7 @@ def _digital(kind: type[Part]) -> Callable[[InstrumentRequest], Part]:
     """Return the function that opens a module with coils and contacts."""
 
     def opened(request: InstrumentRequest) -> Part:
+        """Open the device's digital inputs and outputs as modes or clamp."""
         options: DigitalOptions = request.read(DigitalOptions)
         device = device_map(options, request.section)
         return kind(ModbusFixture(_link(request, options), options, device), options.travel_s)

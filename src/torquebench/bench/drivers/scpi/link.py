@@ -113,6 +113,7 @@ class ScpiLink(Link[LineConnection]):
         """
 
         def exchange(connection: LineConnection) -> str:
+            """Send the command and return its own error."""
             for _ in range(LONGEST_QUEUE):  # errors in the queue don't belong to this command
                 if _no_error(error(connection)):
                     break

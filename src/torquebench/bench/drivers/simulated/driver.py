@@ -374,6 +374,7 @@ class SimulatedBench:
             axes.controls = quantity
 
     def _ramp_to_zero(self, side: Side, duration_s: float) -> None:
+        """Ramp torque and speed to zero in a duration."""
         with self._lock:
             self._note(side, f"to zero in {duration_s:g} s")
             for ramp in (self._axes[side].torque, self._axes[side].speed):
@@ -381,6 +382,7 @@ class SimulatedBench:
                 ramp.rate = abs(ramp.present) / duration_s if duration_s > 0.0 else float("inf")
 
     def _note(self, side: Side, event: str) -> None:
+        """Log an event of a drive with its set points."""
         axes = self._axes[side]
         self.drives[side].log.append(
             DriveEvent(self._twin.time_s, event, axes.torque.present, axes.speed.present)
