@@ -459,6 +459,7 @@ def _parts(table: _Table) -> Iterator[tuple[str, FloatArray]]:
     grown = np.sqrt(np.outer(size, size)) * alike
 
     def smooth(length: float) -> FloatArray:
+        """Return the correlations of a smooth curve over the torque."""
         return np.exp(-0.5 * (distance / length) ** 2)
 
     def jagged(length: float) -> FloatArray:
@@ -647,6 +648,7 @@ class _Search:
             return np.asarray(np.maximum(corners, 1e-12))
 
         def span(values: FloatArray) -> FloatArray:
+            """Return the sums of parts of a row, from `first` to `end`."""
             total = np.append(0.0, np.cumsum(values))
             return np.asarray(total[end] - total[first])
 

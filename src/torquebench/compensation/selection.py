@@ -368,7 +368,10 @@ def compare(
 
 
 class _Tally:
-    """Errors of all candidates at the same points."""
+    """Errors of all candidates at the same points.
+
+    Mean squares that differ by less than `alike` count as equal.
+    """
 
     def __init__(
         self,

@@ -57,14 +57,16 @@ class ThermalConstants(NamedTuple):
 
 @inner
 def hall_c(climate: FloatArray, time_s: float) -> float:
-    """Return the temperature towards which the hall tends."""
-    target = climate[0]
-    since = time_s - climate[3]
-    if climate[1] != 0.0:
-        target += climate[1] * math.sin(TURN * since / climate[2])
-    if climate[4] != 0.0 and since % climate[5] < climate[6]:
-        target -= climate[4]
-    return float(target)
+    """Return the temperature towards which the hall tends: mean, daily swing, and drops."""
+    mean_c, swing_k, period_s, begun_s = climate[0], climate[1], climate[2], climate[3]
+    drop_k, drop_every_s, drop_s = climate[4], climate[5], climate[6]
+    since_s = time_s - begun_s
+    target_c = mean_c
+    if swing_k != 0.0:
+        target_c += swing_k * math.sin(TURN * since_s / period_s)
+    if drop_k != 0.0 and since_s % drop_every_s < drop_s:
+        target_c -= drop_k
+    return float(target_c)
 
 
 @inner

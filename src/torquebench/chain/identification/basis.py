@@ -289,6 +289,7 @@ def running_in_columns(time_s: float) -> Columns:
     """Return columns for a drag that decays with a time constant."""
 
     def columns(c: Circumstances) -> FloatArray:
+        """Return terms of the speed that fade with time, opposite in both directions."""
         share = c.turning * np.exp(-np.maximum(c.time_s, 0.0) / time_s)
         return share[:, None] * _stack(np.ones(len(c)), _powers(c)[:, :2])
 
