@@ -467,6 +467,8 @@ class HistoryCompensator:
             like = np.ascontiguousarray(reading_nm, dtype=np.float64)
             followed = self._tracker.follow(like)
         number, (reading, *states) = elementwise(like, like, *followed.reshape(4, -1))
+        # Positions in the loop by the highest and the lowest possible past, with the fitted weights
+        # of the play operators, and with even weights.
         calibrated = on_lines(self._calibrated, located(self._grid, reading))
         shares, beyond = _in_loop(number, states[:2], *calibrated[:2])
         even, _ = _in_loop(number, states[2:], *calibrated[2:])
@@ -477,6 +479,7 @@ class HistoryCompensator:
             falling + share * loop + amplitude * outside
             for share, outside in zip(shares, beyond, strict=True)
         )
+        # Half of the torque's interval: unknown past, weights, and the way beyond the loop.
         share = 0.5 * (shares[0] + shares[1])
         by_past = 0.5 * abs(one - other)
         by_weights = (share - 0.5 * (even[0] + even[1])) * loop
