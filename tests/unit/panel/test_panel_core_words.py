@@ -20,6 +20,7 @@ from torquebench.compensation import MODELS
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.operations import OPERATIONS, Parameter, parameters
+from torquebench.panel.text import words
 from torquebench.signals import SignalFaultKind
 from torquebench.translations import has_words, templates, translated
 from torquebench.uncertainty import Verdict
@@ -177,7 +178,7 @@ def test_every_translated_message_is_in_the_source() -> None:
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
     }
     said |= {each for path in trees() for each in messages(path)}
-    said |= {verdict.label for verdict in Verdict} | operation_texts()
+    said |= {verdict.label for verdict in Verdict} | operation_texts() | set(words())
     described = "".join(
         file.read_text(encoding="utf-8")
         for file in ROOT.rglob("*.toml")

@@ -1,4 +1,4 @@
-"""The panel's texts in English and Chinese, with the same keys and placeholders."""
+"""The panel's texts: short names of English texts; `translations/zh/` has the Chinese by these."""
 
 from torquebench.panel.text.catalogue import LANGUAGES, Language, Text, choose_language, words
 

@@ -1,4 +1,4 @@
-"""Texts of the panel by key and language."""
+"""Texts of the panel in a language: by a short name, or the English text of the core."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ class Refusal(Protocol):
 
 
 @cache
-def words(language: Language) -> Mapping[str, str]:
-    """Return every text of a language by its dotted key.
+def words() -> Mapping[str, str]:
+    """Return the English text of every short name, such as a button's.
 
     Examples
     --------
-    >>> words("en")["navigation.live"]
+    >>> words()["navigation.live"]
     'Live'
     """
     folder = resources.files("torquebench.panel.text")
     found: dict[str, str] = {}
-    for name in (f"{language}.toml", f"settings_{language}.toml"):
+    for name in ("en.toml", "settings_en.toml"):
         found |= _flat(tomllib.loads((folder / name).read_text(encoding="utf-8")))
     return found
 
@@ -96,19 +96,18 @@ class Text:
 
     def __init__(self, language: Language = "en") -> None:
         self.language = language
-        self._words = words(language)
 
     def __call__(self, key: str, **values: object) -> str:
         """Return a text with its placeholders filled."""
-        found = self._words.get(key)
-        if found is None:
-            found = key if self.language == "en" else templates(self.language).get(key, key)
+        found = words().get(key, key)
+        if self.language != "en":
+            known = templates(self.language)
+            found = known.get(key) or known.get(found, found)
         return found.format(**values) if values else found
 
     def maybe(self, key: str, otherwise: str) -> str:
         """Return the text of a key; without one, the translation of a term of the core."""
-        found = self._words.get(key)
-        return self.core(otherwise) if found is None else found
+        return self(key) if key in words() else self.core(otherwise)
 
     def core(self, said: str) -> str:
         """Translate a message of the core.
