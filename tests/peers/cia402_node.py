@@ -1,16 +1,12 @@
 """A CiA 402 drive on a bus that socketcand shares, over bare sockets."""
 
-import contextlib
 import math
-import socket
 import struct
-import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
-from typing import Self
 
 from tests.peers.motor import Motor
+from tests.peers.socketcand import SocketcandPeer
 
 RATED_MNM = 400_000
 LARGEST_PERMILLE, LARGEST_RPM = 6000, 24
@@ -32,19 +28,19 @@ WRITABLE = {
 }
 
 
-class Cia402Peer:
-    """One node; `slowness_s` is how long each step to its power takes."""
+class Cia402Objects:
+    """A drive's objects; `slowness_s` is how long each step to its power takes."""
 
-    def __init__(self, node: int, serial: int, slowness_s: float = 0.0) -> None:
+    fault_code = 0x8130
+
+    def __init__(self, serial: int, slowness_s: float = 0.0) -> None:
         self.motor = Motor()
-        self.node = node
         self.slowness_s = slowness_s
         self._stored = dict.fromkeys(WRITABLE, 0)
         self._state, self._due, self._next = "switch on disabled", 0.0, ""
         self._master, self._watchdog_s = 0, 0.0
         self._texts = {0x1008: b"drive of its own"}
         self._identity = {1: 0xAFFE, 2: 7, 3: 1, 4: serial}
-        self._segments = b""
         self.position = 0
         self.largest_permille = LARGEST_PERMILLE
         self.modes = 0x0C  # profile velocity and profile torque
@@ -52,107 +48,13 @@ class Cia402Peer:
         self.bits = 0x210  # voltage enabled, remote
         self.missing: set[tuple[int, int]] = set()
         self.not_yet = 0  # so many writings are refused in this state
-        self.spoil: Callable[[bytes], bytes] | None = None
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self.port = self._listener.getsockname()[1]
-        self._clients: list[tuple[threading.Thread, socket.socket]] = []
-
-    def __enter__(self) -> Self:
-        self._accepting = threading.Thread(target=self._accept, daemon=True)
-        self._accepting.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._listener.shutdown(socket.SHUT_RDWR)
-        self._accepting.join()
-        self._listener.close()
-        for thread, client in self._clients:
-            with contextlib.suppress(OSError):
-                client.shutdown(socket.SHUT_RDWR)
-            thread.join()
-            client.close()
-
-    def _accept(self) -> None:
-        with contextlib.suppress(OSError):
-            while True:
-                client, _ = self._listener.accept()
-                thread = threading.Thread(target=self._attend, args=(client,), daemon=True)
-                self._clients.append((thread, client))
-                thread.start()
-
-    # -- the bus ----------------------------------------------------------------------------
-
-    def _attend(self, client: socket.socket) -> None:
-        with contextlib.suppress(OSError):
-            client.sendall(b"< hi >")
-            rest = b""
-            while data := client.recv(4096):
-                rest += data
-                while b">" in rest:
-                    line, _, rest = rest.partition(b">")
-                    words = line.decode("ascii").replace("<", "").split()
-                    if words[0] in ("open", "rawmode"):
-                        client.sendall(b"< ok >")
-                    elif words[0] == "send":
-                        frame = bytes(int(word, 16) for word in words[3:])
-                        with self.motor.lock:
-                            answer = self._frame(int(words[1], 16), frame)
-                        if answer:
-                            answer = self.spoil(answer) if self.spoil else answer
-                            head = f"< frame {0x580 + self.node:03X} {time.time():.6f} "
-                            client.sendall(head.encode() + answer.hex().upper().encode() + b" >")
-
-    def emergency(self, code: int) -> None:
-        """Send an EMCY message to everybody."""
-        frame = struct.pack("<HB5x", code, 1).hex().upper()
-        for _, client in self._clients:
-            client.sendall(f"< frame {0x80 + self.node:03X} {time.time():.6f} {frame} >".encode())
-
-    def _frame(self, can_id: int, data: bytes) -> bytes:
-        self._look()
-        if can_id == 0x700 + self._master and self._master:
-            self.motor.watchdog_s = self._watchdog_s
-            self.motor.feed()
-        if can_id != 0x600 + self.node:
-            return b""
-        command, index, subindex = struct.unpack_from("<BHB", data)
-        try:
-            if command & 0xE0 == 0x40:
-                return self._upload(index, subindex)
-            if command & 0xE0 == 0x60:
-                return self._segment(command)
-            if command & 0xE2 == 0x22:
-                size = 4 - (command >> 2 & 3) if command & 1 else 4
-                self._download(index, subindex, data[4 : 4 + size])
-                return struct.pack("<BHB4x", 0x60, index, subindex)
-            raise _Abort(0x05040001)
-        except _Abort as abort:
-            return struct.pack("<BHBI", 0x80, index, subindex, abort.code)
-
-    def _upload(self, index: int, subindex: int) -> bytes:
-        value = self._read(index, subindex)
-        if len(value) <= 4:
-            command = 0x43 | (4 - len(value)) << 2
-            return struct.pack("<BHB", command, index, subindex) + value.ljust(4, b"\0")
-        self._segments = value
-        return struct.pack("<BHBI", 0x41, index, subindex, len(value))
-
-    def _segment(self, command: int) -> bytes:
-        part, self._segments = self._segments[:7], self._segments[7:]
-        last = 0 if self._segments else 1
-        return bytes([command & 0x10 | (7 - len(part)) << 1 | last]) + part.ljust(7, b"\0")
 
     # -- objects ----------------------------------------------------------------------------
 
     def _read(self, index: int, subindex: int) -> bytes:
         motor = self.motor
         if (index, subindex) in self.missing:
-            raise _Abort(0x06090011 if subindex else 0x06020000)
+            raise Abort(0x06090011 if subindex else 0x06020000)
         if index in self._texts:
             return self._texts[index]
         if index == 0x1018 and subindex in self._identity:
@@ -160,7 +62,8 @@ class Cia402Peer:
         torque = round(motor.torque.present * 1e6 / RATED_MNM)
         velocity = round(motor.speed.present / RPM * UNITS_PER_RPM)
         found = {
-            0x603F: struct.pack("<H", 0x8130 if motor.tripped else 0),
+            0x1000: struct.pack("<I", 0x20192),
+            0x603F: struct.pack("<H", self.fault_code if motor.tripped else 0),
             0x6041: struct.pack("<H", STATES[self._state] | self.bits),
             0x6061: struct.pack("<b", self._stored[0x6060, 0]),
             0x6072: struct.pack("<H", self.largest_permille),
@@ -177,24 +80,24 @@ class Cia402Peer:
             return found[index]
         if (index, subindex) in WRITABLE:
             return struct.pack(WRITABLE[index, subindex], self._stored[index, subindex])
-        raise _Abort(0x06020000)
+        raise Abort(0x06020000)
 
     def _download(self, index: int, subindex: int, data: bytes) -> None:
         layout = WRITABLE.get((index, subindex))
         if self.not_yet and index != 0x1016:
             self.not_yet -= 1
-            raise _Abort(0x08000022)
+            raise Abort(0x08000022)
         if layout is None or (index, subindex) in self.missing:
-            raise _Abort(0x06010002 if index in READ_ONLY else 0x06020000)
+            raise Abort(0x06010002 if index in READ_ONLY else 0x06020000)
         if struct.calcsize(layout) != len(data):
-            raise _Abort(0x06070010)
+            raise Abort(0x06070010)
         (value,) = struct.unpack(layout, data)
         if index == 0x6060 and not self.modes >> value - 1 & 1:
-            raise _Abort(0x06090030)
+            raise Abort(0x06090030)
         if index == 0x6071 and abs(value) > LARGEST_PERMILLE:
-            raise _Abort(0x06090031 if value > 0 else 0x06090032)
+            raise Abort(0x06090031 if value > 0 else 0x06090032)
         if index in (0x6083, 0x6084, 0x6085, 0x6087) and value == 0:
-            raise _Abort(0x06090032)
+            raise Abort(0x06090032)
         self._stored[index, subindex] = value
         if index == 0x1016:
             self._master, self._watchdog_s = value >> 16, (value & 0xFFFF) / 1e3
@@ -259,7 +162,62 @@ class Cia402Peer:
             self.motor.speed.go(target, self._stored[index, 0] * RPM / 1e3)
 
 
-class _Abort(Exception):  # noqa: N818 - as CiA 301 calls it
+class Cia402Peer(Cia402Objects, SocketcandPeer):
+    """One node on a CANopen bus."""
+
+    def __init__(self, node: int, serial: int, slowness_s: float = 0.0) -> None:
+        Cia402Objects.__init__(self, serial, slowness_s)
+        SocketcandPeer.__init__(self)
+        self.node = node
+        self._segments = b""
+        self.spoil: Callable[[bytes], bytes] | None = None
+
+    def receive(self, number: int, data: bytes) -> None:
+        with self.motor.lock:
+            answer = self._frame(number, data)
+        if answer:
+            self.send(0x580 + self.node, self.spoil(answer) if self.spoil else answer)
+
+    def emergency(self, code: int) -> None:
+        """Send an EMCY message to everybody."""
+        self.send(0x80 + self.node, struct.pack("<HB5x", code, 1))
+
+    def _frame(self, can_id: int, data: bytes) -> bytes:
+        self._look()
+        if can_id == 0x700 + self._master and self._master:
+            self.motor.watchdog_s = self._watchdog_s
+            self.motor.feed()
+        if can_id != 0x600 + self.node:
+            return b""
+        command, index, subindex = struct.unpack_from("<BHB", data)
+        try:
+            if command & 0xE0 == 0x40:
+                return self._upload(index, subindex)
+            if command & 0xE0 == 0x60:
+                return self._segment(command)
+            if command & 0xE2 == 0x22:
+                size = 4 - (command >> 2 & 3) if command & 1 else 4
+                self._download(index, subindex, data[4 : 4 + size])
+                return struct.pack("<BHB4x", 0x60, index, subindex)
+            raise Abort(0x05040001)
+        except Abort as abort:
+            return struct.pack("<BHBI", 0x80, index, subindex, abort.code)
+
+    def _upload(self, index: int, subindex: int) -> bytes:
+        value = self._read(index, subindex)
+        if len(value) <= 4:
+            command = 0x43 | (4 - len(value)) << 2
+            return struct.pack("<BHB", command, index, subindex) + value.ljust(4, b"\0")
+        self._segments = value
+        return struct.pack("<BHBI", 0x41, index, subindex, len(value))
+
+    def _segment(self, command: int) -> bytes:
+        part, self._segments = self._segments[:7], self._segments[7:]
+        last = 0 if self._segments else 1
+        return bytes([command & 0x10 | (7 - len(part)) << 1 | last]) + part.ljust(7, b"\0")
+
+
+class Abort(Exception):  # noqa: N818 - as CiA 301 calls it
     def __init__(self, code: int) -> None:
         super().__init__(hex(code))
         self.code = code

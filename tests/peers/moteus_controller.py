@@ -37,6 +37,10 @@ class MoteusPeer(LinePeer):
         self._until = math.inf
         self._written: dict[int, float] = {}
 
+    @property
+    def powered(self) -> bool:
+        return self.mode == POSITION
+
     def look(self) -> None:
         if self.mode == POSITION and time.monotonic() > self._until:
             self.mode = TIMEOUT

@@ -12,10 +12,11 @@ from tests.peers.cable import Cable
 from tests.peers.displays import DisplayPeer
 from tests.peers.hbm_amplifiers import HbmPeer
 from tests.peers.moteus_controller import MoteusPeer
+from tests.peers.odrive_node import OdrivePeer
 from tests.peers.opcua_plc import PlcPeer
 from tests.peers.plc import AdsPlc, S7Plc
 from tests.support.draws import nightly
-from tests.system.networked import WATCHDOG_S, daqmx, described, hasty, modbus
+from tests.system.networked import CAN_BUS, WATCHDOG_S, daqmx, described, hasty, modbus
 
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import CounterCard, Drive
@@ -142,6 +143,8 @@ def _peers() -> Iterator[dict[str, PeerSide]]:
             AdsPlc({"fA": lambda: 10.0}) as ads,
             S7Plc({"fA": lambda: 10.0}) as s7,
             MoteusPeer(3) as controller,
+            OdrivePeer(3) as odrive,
+            Cable(odrive.port) as bus,
         ):
             keys = {"maximum_torque_nm": 20.0, "maximum_speed_rpm": 600.0, "node": 3}
             moteus = described(
@@ -150,6 +153,12 @@ def _peers() -> Iterator[dict[str, PeerSide]]:
             drive = moteus.input.drive.model_copy(update={"serial": "11223344556677880A0B0C0D"})
             module = moteus.input.model_copy(update={"drive": drive})
             benches["moteus"] = PeerSide(moteus.model_copy(update={"input": module}), controller)
+            on_bus = described(
+                input_drive={"protocol": "odrive", "bus": CAN_BUS | {"port": bus.port}} | keys
+            )
+            drive = drive.model_copy(update={"serial": f"{odrive.serial:012X}"})
+            module = on_bus.input.model_copy(update={"drive": drive})
+            benches["odrive"] = PeerSide(on_bus.model_copy(update={"input": module}), bus)
             yield benches | {"ads": _plc(ads, shown), "s7": _plc(s7, shown)}
 
 
@@ -287,12 +296,15 @@ CASES = [
             ),
         )
     ),
-    Case(
-        "moteus-drive",
-        "input_drive",
-        variant="moteus",
-        read=lambda i: i.state(),
-        right=lambda s: not s.enabled,
+    *(
+        Case(
+            f"{protocol}-drive",
+            "input_drive",
+            variant=protocol,
+            read=lambda i: i.state(),
+            right=lambda s: not s.enabled,
+        )
+        for protocol in ("moteus", "odrive")
     ),
     Case(
         "ads-temperature",

@@ -19,9 +19,11 @@ import pytest
 from tests.peers.cia402_node import Cia402Peer
 from tests.peers.daqmx_server import CounterCardPeer
 from tests.peers.displays import ScalePeer
+from tests.peers.ethercat_device import LIBRARY, EthercatNetwork, EthercatPeer
 from tests.peers.hbm_amplifiers import HbmPeer
 from tests.peers.modbus_device import READ_COILS, READ_INPUT, ModbusDevicePeer
 from tests.peers.moteus_controller import MoteusPeer
+from tests.peers.odrive_node import OdrivePeer
 from tests.peers.plc import AdsPlc, Reducer, S7Plc
 from tests.system.command_line import environment, wait_until
 from tests.system.networked import CAN_BUS, WATCHDOG_S, waiting
@@ -30,8 +32,12 @@ from tests.system.peer_bench import GAIN, NOISE_SHARE, RANGE_NM, ZERO_SHARE, sta
 
 pytestmark = SLOW
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "benches"
-Example = Literal["beckhoff", "siemens", "open", "papers"]
-BENCHES = ("beckhoff", "siemens", "open", "papers")
+Example = Literal["beckhoff", "siemens", "open", "odrive", "ethercat", "papers"]
+OPEN = ("open", "odrive", "ethercat")
+"""The open bench with its own drives, and with others in their place."""
+BENCHES = ("beckhoff", "siemens", *OPEN, "papers")
+LOADS_NM = {"beckhoff": 50.0, "siemens": 50.0, "papers": 2000.0} | dict.fromkeys(OPEN, 10.0)
+"""Range of the module that is calibrated."""
 DRIVE_S, ANSWER_S = (
     4.9,
     {"ads": 2.0, "s7": 2.0, "hbm": 1.0, "serial": 1.0, "modbus": 2.0, "nidaqmx": 20.0},
@@ -72,32 +78,57 @@ class ModbusFixture(ExitStack):
 
 
 class OpenPlant(ModbusFixture):
-    """Two moteus actuators and four load cells."""
+    """Two motors with controllers of one kind, and four load cells."""
 
-    def __init__(self, values: dict[str, Any], module_nm: Any, standard_nm: Any) -> None:
+    def __init__(
+        self, values: dict[str, Any], module_nm: Any, standard_nm: Any, kind: Example
+    ) -> None:
         driver = values["driver"]
         super().__init__(driver)
         self._gear = {side: values[side]["drive"].get("gear_ratio", 1.0) for side in RANGE_NM}
-        self.motors = {}
+        self.motors: dict[str, Any] = {}
         for number, side in enumerate(RANGE_NM):
-            motor = self.motors[side] = MoteusPeer(number + 1, True, number + 1)
-            driver[f"{side}_drive"]["address"] = motor.address
-            values[side]["drive"]["serial"] = f"1122334455667788{number + 1:08X}"
-            for role, kind, torque in (
+            place, limits = number + 1, ("maximum_torque_nm", "maximum_speed_rpm")
+            kept = {key: driver[f"{side}_drive"][key] for key in limits}
+            if kind == "odrive":
+                node = self.motors[side] = OdrivePeer(place, 0.5 * WATCHDOG_S)
+                node.serial += number
+                bus = CAN_BUS | {"port": node.port}
+                driver[f"{side}_drive"] = kept | {"protocol": kind, "bus": bus, "node": place}
+                values[side]["drive"]["serial"] = f"{node.serial:012X}"
+            elif kind == "ethercat":
+                self.motors[side] = EthercatPeer(place)
+                values[side]["drive"]["serial"] = str(place)
+            else:
+                motor = self.motors[side] = MoteusPeer(place, True, place)
+                driver[f"{side}_drive"]["address"] = motor.address
+                values[side]["drive"]["serial"] = f"1122334455667788{place:08X}"
+            for role, channel, torque in (
                 ("counter", "torque", module_nm),
                 ("reference", "reference", standard_nm),
             ):
                 cell = self.enter_context(
                     ScalePeer(lambda side=side, torque=torque: round(torque(side), 5))
                 )
-                driver[role]["channels"][f"{side}_{kind}"] = cell.address
-        for actuator in self.motors.values():
-            self.enter_context(actuator)
+                driver[role]["channels"][f"{side}_{channel}"] = cell.address
+        if kind == "ethercat":
+            network = self.enter_context(EthercatNetwork(*self.motors.values()))
+            for number, side in enumerate(RANGE_NM):
+                section = {"adapter": network.address, "position": number, "cycle_s": 0.01}
+                driver[f"{side}_drive"] = section | {"protocol": kind}
+        else:
+            for controller in self.motors.values():
+                self.enter_context(controller)
 
     def torque_nm(self, side: str) -> float:
-        """Return the torque of a side's actuator against the clamped standard."""
-        self.motors[side].look()
-        return self._gear[side] * self.motors[side].torque_nm if self.clamped else 0.0
+        """Return the torque of a side's motor against the clamped standard."""
+        controller = self.motors[side]
+        controller.look()
+        if isinstance(controller, EthercatPeer):
+            motor_nm = controller.motor.torque.present
+        else:
+            motor_nm = controller.torque_nm if controller.powered else 0.0
+        return float(self._gear[side] * motor_nm) if self.clamped else 0.0
 
 
 class PapersPlant(ModbusFixture):
@@ -137,7 +168,8 @@ class PapersPlant(ModbusFixture):
 @contextmanager
 def example(kind: Example, folder: Path) -> Iterator[tuple[Any, Path]]:
     """Start the peers of an example; yield its PLC and the example with the peers' addresses."""
-    values = tomllib.loads((EXAMPLES / f"{kind}.toml").read_text(encoding="utf-8"))
+    file = EXAMPLES / f"{'open' if kind in OPEN else kind}.toml"
+    values = tomllib.loads(file.read_text(encoding="utf-8"))
     noise = random.Random(20261128)
     plc: Any = None
 
@@ -168,8 +200,8 @@ def example(kind: Example, folder: Path) -> Iterator[tuple[Any, Path]]:
                 **{f"f{s.capitalize()}Reference": lambda s=s: standard_nm(s) for s in RANGE_NM},
             }
             plc = AdsPlc(probes | torques)
-        elif kind == "open":
-            plc = OpenPlant(values, module_nm, standard_nm)
+        elif kind in OPEN:
+            plc = OpenPlant(values, module_nm, standard_nm, kind)
         elif kind == "papers":
             plc = PapersPlant(values, module_nm, standard_nm)
         else:
@@ -197,6 +229,14 @@ def example(kind: Example, folder: Path) -> Iterator[tuple[Any, Path]]:
         yield plc, toml(values, folder / "bench.toml")
 
 
+def surroundings(kind: Example) -> dict[str, str]:
+    """Return the environment of a command; EtherCAT's library is replaced by a fake."""
+    found = environment()
+    if kind == "ethercat":
+        found["PYTHONPATH"] = os.pathsep.join(filter(None, [LIBRARY, found.get("PYTHONPATH", "")]))
+    return found
+
+
 def command(*words: str, bench: Path) -> list[str]:
     options = ["--bench", str(bench), "--data", str(bench.parent / "data")]
     return [sys.executable, "-m", "torquebench", *words, *options]
@@ -209,7 +249,7 @@ def calibrating(kind: Example, folder: Path) -> Iterator[tuple[Any, Any]]:
         words = ("calibrate", side, "--yes", "--step", "25", "--repeats", "1")
         with subprocess.Popen(
             command(*words, bench=bench),
-            env=environment(),
+            env=surroundings(kind),
             cwd=folder,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -226,7 +266,7 @@ def test_the_doctor_finds_the_example_ready(kind: Example, tmp_path: Path) -> No
     with example(kind, tmp_path) as (_, bench):
         done = subprocess.run(
             command("doctor", "--record", "session.jsonl", bench=bench),
-            env=environment(),
+            env=surroundings(kind),
             cwd=tmp_path,
             capture_output=True,
             text=True,
@@ -301,12 +341,15 @@ def test_a_plc_whose_cable_is_pulled_stops_the_load_by_its_own_watchdog(
 
 @pytest.mark.alone  # peers and bench run in real time
 @pytest.mark.nightly
-def test_a_killed_process_leaves_the_load_to_the_plc(tmp_path: Path) -> None:
-    with calibrating("beckhoff", tmp_path) as (plc, process):
-        wait_until(lambda: plc.torque_nm("input") > 20.0, "a load")
+@pytest.mark.parametrize("kind", BENCHES)
+def test_a_killed_process_leaves_the_load_to_the_drives_watchdog(
+    kind: Example, tmp_path: Path
+) -> None:
+    side = "output" if kind == "papers" else "input"
+    with calibrating(kind, tmp_path) as (plant, process):
+        wait_until(lambda: plant.torque_nm(side) > 0.2 * LOADS_NM[kind], "a load")
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
         began = time.monotonic()
-        motor = plc.program.motors["Input"]
-        wait_until(lambda: motor.tripped, "the program's watchdog")
+        wait_until(lambda: plant.torque_nm(side) == 0.0, "the drive's watchdog")
         assert time.monotonic() - began < WATCHDOG_S + 5.0

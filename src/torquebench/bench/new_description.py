@@ -19,6 +19,8 @@ __all__ = ["COUNTERS", "NewBench", "SideValues", "description_text", "protocols_
 
 COUNTERS = ("nidaqmx", "scpi", "opendaq")
 """Protocols that deliver frequencies; all others deliver values, and `nidaqmx` both."""
+ONE_EACH = ("canopen", "ethercat", "moteus", "odrive")
+"""Protocols with a found instrument for each drive."""
 UNKNOWN_ROLE = ("modbus", "serial", "scpi")
 """Protocols whose found instruments don't show which role they have."""
 _NOMINAL_SIGNAL = {"V": 10.0, "mV/V": 2.0}
@@ -132,7 +134,7 @@ def protocols_of(role: str) -> tuple[str, ...]:
     Examples
     --------
     >>> protocols_of("drive")
-    ('ads', 's7', 'canopen', 'moteus', 'modbus')
+    ('ads', 's7', 'canopen', 'ethercat', 'moteus', 'odrive', 'modbus')
     """
     return tuple(protocol for protocol, roles in _sections().items() if role in roles)
 
@@ -306,7 +308,7 @@ def _instruments(bench: NewBench) -> Iterator[str]:
         section = template.get(role) or template["modes"]
         yield f"[driver.{key}]"
         text = Template(section["text"].strip()).substitute(_values(bench, section, side))
-        position = SIDES.index(side) if side and protocol in ("canopen", "moteus") else 0
+        position = SIDES.index(side) if side and protocol in ONE_EACH else 0
         yield from (_with_found(text, bench.instrument(protocol, position)), "")
     if bench.found:
         yield "# Found by the scan:"
@@ -354,6 +356,9 @@ def _with_found(text: str, instrument: FoundInstrument | None) -> str:
         interface, _, channel = instrument.address.partition(":")
         text = text.replace('"socketcan"', _quoted(interface)).replace('"can0"', _quoted(channel))
         key, value = "node", str(instrument.node)
+    elif instrument.protocol == "ethercat":
+        text = text.replace('"eth1"', _quoted(instrument.address))
+        key, value = "position", str(instrument.node)
     elif instrument.protocol == "ads":
         key = "host"
     return "\n".join(

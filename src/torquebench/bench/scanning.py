@@ -33,12 +33,16 @@ PORTS = {
 """TCP ports at which instruments listen unless their owner has changed that, with the protocol."""
 CONNECT_S, ANSWER_S = 0.5, 1.0
 CAN_ANSWER_S = 0.3
+CIA402_PROFILE = 402
 MOST_HOSTS = 1024
 _AT_ONCE = 64
 
 
 def scan(
-    hosts: Sequence[str] = (), buses: Sequence[str] = (), progress: Progress = NO_PROGRESS
+    hosts: Sequence[str] = (),
+    buses: Sequence[str] = (),
+    adapters: Sequence[str] = (),
+    progress: Progress = NO_PROGRESS,
 ) -> tuple[FoundInstrument, ...]:
     """Search for instruments; nothing is changed or moved.
 
@@ -50,15 +54,19 @@ def scan(
         Names, addresses or networks such as 192.168.0.0/28.
     buses : sequence of str
         CAN buses as interface:channel; by default those of SocketCAN.
+    adapters : sequence of str
+        Network adapters with EtherCAT devices, which must not be in operation.
     progress : Progress
 
     Raises
     ------
     InputError
-        A host or a bus is written wrongly, or there are too many addresses.
+        A host or a bus is written wrongly, there are too many addresses, or an adapter can't be
+        opened.
     """
     addresses = addresses_of(hosts)
     instruments = [*_serial_ports(), *_visa_resources(), *_daqmx_devices(), *_can_nodes(buses)]
+    instruments += _ethercat_drives(adapters)
     with ThreadPoolExecutor(_AT_ONCE) as pool:
         searches = [(host, port) for host in addresses for port in PORTS]
         progress.start("search the network", len(searches))
@@ -184,6 +192,33 @@ def _can_nodes(buses: Sequence[str]) -> Iterator[FoundInstrument]:
                 )
         finally:
             network.disconnect()
+
+
+def _ethercat_drives(adapters: Sequence[str]) -> Iterator[FoundInstrument]:
+    """Yield the CiA 402 drives behind network adapters; their devices go to the state PRE-OP."""
+    for adapter in adapters:
+        soem = require_library("pysoem", "ethercat")
+        master = soem.Master()
+        try:
+            master.open(adapter)
+        except ConnectionError as error:
+            raise InputError(
+                Message("the adapter {adapter}: {error}", adapter, error),
+                "a network adapter of this computer, and administrator rights",
+                "state another one, or leave it out",
+            ) from error
+        try:
+            count = master.config_init()
+            for position in range(count):
+                device = master.slaves[position]
+                with contextlib.suppress(soem.SdoError, soem.MailboxError, soem.WkcError):
+                    profile = int.from_bytes(device.sdo_read(0x1000, 0)[:2], "little")
+                    if profile == CIA402_PROFILE:
+                        serial = str(int.from_bytes(device.sdo_read(0x1018, 4), "little"))
+                        name = device.name
+                        yield FoundInstrument("ethercat", adapter, name, serial, node=position)
+        finally:
+            master.close()
 
 
 def _at_port(host: str, port: int) -> FoundInstrument | None:

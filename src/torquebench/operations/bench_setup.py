@@ -33,7 +33,9 @@ _ROLE_TITLES = {
     "ads": "Beckhoff PLC (ADS)",
     "s7": "Siemens S7",
     "canopen": "CANopen (CiA 402)",
+    "ethercat": "EtherCAT (CiA 402)",
     "moteus": "moteus",
+    "odrive": "ODrive (CAN)",
     "modbus": "Modbus",
     "counter": "at the counter",
     "drives": "the drives' own",
@@ -52,8 +54,8 @@ class NewDescription(Request):
 
     A scan lists serial ports, VISA instruments, NI devices and the nodes of CAN buses, and tries
     the usual ports of the stated hosts (Modbus, SCPI, OPC UA, S7, ADS, HBM, NI gRPC). It asks SCPI,
-    HBM, OPC UA and CANopen devices who they are, and sends nothing to others. EtherCAT devices are
-    found by their PLC's own software.
+    HBM, OPC UA and CANopen devices who they are, and sends nothing to others. EtherCAT drives are
+    searched only behind the stated adapters, whose devices must not be in operation.
     """
 
     basic = ("name", "counter", "signal", "drives", "reference", "angles")
@@ -70,7 +72,7 @@ class NewDescription(Request):
         Signal, field("What the modules' transducers or their amplifier deliver.", title="Signal")
     ] = "frequency"
     drives: Annotated[
-        Literal["canopen", "modbus", "ads", "s7", "moteus"],
+        Literal["canopen", "ethercat", "modbus", "ads", "s7", "moteus", "odrive"],
         _instrument("What the drives understand.", "Drives"),
     ] = "canopen"
     reference: Annotated[
@@ -130,6 +132,15 @@ class NewDescription(Request):
             title="CAN buses",
             role="administrator",
             max_length=20,
+        ),
+    ] = ()
+    ethercat: Annotated[
+        tuple[str, ...],
+        field(
+            "Network adapter behind which EtherCAT drives are searched, such as eth1.",
+            title="EtherCAT adapters",
+            role="administrator",
+            max_length=4,
         ),
     ] = ()
 
@@ -200,7 +211,8 @@ def _run(_place: Place, request: NewDescription, progress: Progress) -> WrittenD
     from torquebench.bench.description import parse_bench
     from torquebench.bench.scanning import scan
 
-    found = scan(request.hosts, request.can, progress) if request.scan else ()
+    searched = (request.hosts, request.can, request.ethercat)
+    found = scan(*searched, progress) if request.scan else ()
     text = _described(request, found)
     parse_bench(text, request.out.name)
     atomic_write(request.out, text)

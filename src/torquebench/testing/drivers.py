@@ -135,6 +135,8 @@ class DriverContract:
             section["bus"] = section["bus"] | {"port": 9}
         elif "host" in section:  # of a router whose port is fixed
             section["host"] = "127.0.0.1:9"
+        elif "adapter" in section:
+            section["adapter"] = "127.0.0.1:9"
         elif "address" in section:
             scheme = "opc.tcp://" if section["protocol"] == "opcua" else ""
             section["address"] = f"{scheme}127.0.0.1:9"

@@ -2,6 +2,7 @@
 
 import contextlib
 import socket
+import sys
 import threading
 import tomllib
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ import canopen
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.peers.ethercat_device import LIBRARY, EthercatNetwork, EthercatPeer
 from tests.system.command_line import at_terminal, run
 
 from torquebench.bench import scanning
@@ -270,3 +272,20 @@ def test_a_wrong_place_to_search_is_refused(hosts: list[str], buses: list[str]) 
 
 def test_a_network_is_its_hosts() -> None:
     assert addresses_of(["10.0.0.0/30"]) == ["10.0.0.1", "10.0.0.2"]
+
+
+def test_ethercat_drives_are_found_behind_a_stated_adapter(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.syspath_prepend(LIBRARY)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "pysoem"]:
+        monkeypatch.delitem(sys.modules, name)
+    with EthercatNetwork(EthercatPeer(11), EthercatPeer(12)) as network:
+        found = [each for each in scan(adapters=[network.address]) if each.protocol == "ethercat"]
+        address = network.address
+    sys.modules.pop("pysoem")
+    assert [(each.serial, each.node) for each in found] == [("11", 0), ("12", 1)]
+    text = description_text(new_bench(drives="ethercat", found=tuple(found)))
+    drives = tomllib.loads(text)["driver"]
+    assert [drives[f"{side}_drive"]["position"] for side in ("input", "output")] == [0, 1]
+    assert drives["output_drive"]["adapter"] == address

@@ -14,9 +14,10 @@ from collections.abc import Callable
 from importlib import resources
 from typing import Annotated, Any, TypeVar
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from torquebench.bench.drivers.base import DriveLimits, DriveState, Identity
+from torquebench.bench.drivers.can_bus import BusOptions
 from torquebench.bench.drivers.links import (
     LONGEST_TIME_OUT_S,
     Link,
@@ -80,37 +81,27 @@ BUSY_STATES = ("not ready to switch on", "fault reaction active")
 Result = TypeVar("Result")
 
 
-class _Refusal(BenchError):  # noqa: N818 - the drive's answer, not a defect of the wire
+class Refusal(BenchError):  # noqa: N818 - the drive's answer, not a defect of the wire
     """The drive refuses to read or write an object."""
 
     code = 0
     """Abort code of CiA 301."""
 
 
-class BusOptions(Options):
-    """Options of a CAN bus in python-can; further keys of the interface are passed on."""
+class DriveOptions(Options):
+    """A CiA 402 drive; `velocity_units_per_rpm` is the resolution of its velocity objects."""
 
-    model_config = ConfigDict(extra="allow", frozen=True)
-
-    interface: str = "socketcan"
-    channel: str = "can0"
-    host: str | None = None
-    port: int | None = None
+    velocity_units_per_rpm: Annotated[float, Field(gt=0.0, le=1e6)] = 1000.0
+    switching_s: SwitchingTime = 5.0
+    timeout_s: TimeOut | None = None
 
 
-class Cia402Options(Options):
-    """One drive on a bus.
-
-    `velocity_units_per_rpm` is the resolution of the drive's velocity objects; `master` is the node
-    number under which this computer sends its heartbeat.
-    """
+class Cia402Options(DriveOptions):
+    """One drive on a CAN bus; `master` is the node number of this computer's heartbeat."""
 
     bus: BusOptions
     node: Annotated[int, Field(ge=1, le=127)]
     master: Annotated[int, Field(ge=1, le=127)] = 126
-    velocity_units_per_rpm: Annotated[float, Field(gt=0.0, le=1e6)] = 1000.0
-    switching_s: SwitchingTime = 5.0
-    timeout_s: TimeOut | None = None
 
 
 def load_dictionary() -> Any:
@@ -121,48 +112,124 @@ def load_dictionary() -> Any:
         return canopen.import_od(str(path))
 
 
-class CanopenLink(Link[Any]):
-    """One node on a CANopen bus, accessed by SDO."""
+class ObjectLink(Link[Any]):
+    """A node with an object dictionary, accessed by SDO."""
+
+    def __init__(self, name: str, address: str, timeout_s: float) -> None:
+        super().__init__(name, address, timeout_s)
+        self.dictionary = load_dictionary()
+
+    def exchange(self, ask: Callable[[Any], Result], what: str) -> Result:
+        """Communicate on the connection; `what` names the request in messages."""
+        raise NotImplementedError
+
+    def upload(self, connection: Any, index: int, subindex: int) -> Any:
+        """Return an object's value."""
+        raise NotImplementedError
+
+    def download(self, connection: Any, index: int, subindex: int, value: int) -> None:
+        """Write an object's value."""
+        raise NotImplementedError
+
+    def read(self, index: int, subindex: int = 0) -> int:
+        """Read an integer object."""
+        what = Message("to read {object}", self._named(index, subindex))
+        return int(self.exchange(lambda at: self.upload(at, index, subindex), what))
+
+    def read_optional(self, index: int, subindex: int = 0) -> int | None:
+        """Read an integer object; None if the drive doesn't have it."""
+        try:
+            return self.read(index, subindex)
+        except Refusal as refusal:
+            if refusal.code in ABSENT:
+                return None
+            raise
+
+    def read_text(self, index: int) -> str:
+        """Read a text object; empty if the drive doesn't have it."""
+        what = Message("to read {object}", self._named(index, 0))
+        try:
+            return str(self.exchange(lambda at: self.upload(at, index, 0), what))
+        except Refusal as refusal:
+            if refusal.code in ABSENT:
+                return ""
+            raise
+
+    def write(self, index: int, value: int, subindex: int = 0) -> None:
+        """Write an integer object."""
+        named = self._named(index, subindex)
+        self.exchange(
+            lambda at: self.download(at, index, subindex, value),
+            Message("to write {value} to {object}", value, named),
+        )
+
+    def refused(self, what: str, error: Exception, code: int) -> Refusal:
+        """Return the error for a node that aborts a request."""
+        refusal = Refusal(
+            Message("{name} at {address} refuses {what}: {error}",
+                    self.name, self.address, what, error),
+            "an object and a value that the drive supports",
+            "compare its object dictionary with cia402.eds",
+        )  # fmt: skip
+        refusal.code = code
+        return refusal
+
+    def _named(self, index: int, subindex: int) -> str:
+        """Return number and name of an object, such as "0x6072 (Max torque)"."""
+        variable = self.variable(index, subindex)
+        return f"0x{index:04X}{f':{subindex}' * bool(subindex)} ({variable.name})"
+
+    def variable(self, index: int, subindex: int) -> Any:
+        """Return an object's entry in the dictionary."""
+        entry = self.dictionary[index]
+        return entry[subindex] if subindex else entry
+
+    def beat(self) -> None:
+        """Show the drive that this computer is alive."""
+        raise NotImplementedError
+
+    def start_node(self) -> None:
+        """Let the node exchange set points."""
+        raise NotImplementedError
+
+    def watch(self, write: Callable[[int, int, int], None], watchdog_s: float) -> None:
+        """Let the drive remove its power this long after the last sign of life.
+
+        `write` takes index, value and subindex of an object.
+        """
+        raise NotImplementedError
+
+    def emergency(self) -> str:
+        """Return the last emergency message (EMCY) that wasn't reset; empty without one."""
+        raise NotImplementedError
+
+
+class CanopenLink(ObjectLink):
+    """One node on a CANopen bus."""
 
     def __init__(self, name: str, options: Cia402Options) -> None:
-        bus = options.bus
-        address = f"{bus.host}:{bus.port}" if bus.host else f"{bus.interface} {bus.channel}"
         timeout_s = LONGEST_TIME_OUT_S if options.timeout_s is None else options.timeout_s
-        super().__init__(name, f"node {options.node} on {address}", timeout_s)
+        super().__init__(name, f"node {options.node} on {options.bus.address}", timeout_s)
         self._options = options
         self._canopen = require_library("canopen", "canopen")
         self._can = require_library("can", "canopen")
-        self._dictionary = load_dictionary()
 
     def _open(self) -> Any:
-        """Connect to the bus and add the drive's node; the library repeats nothing."""
         if self.reconnects:  # a late answer would reach every reader on the bus
             time.sleep(self.timeout_s)
-        network = self._canopen.Network(self._open_bus())
+        network = self._canopen.Network(self._options.bus.open(self.timeout_s))
         network.NOTIFIER_CYCLE = 0.05
         network.connect()
-        node = network.add_node(self._options.node, self._dictionary)
+        node = network.add_node(self._options.node, self.dictionary)
         node.sdo.RESPONSE_TIMEOUT = self.timeout_s
         node.sdo.RETRY_DELAY = 0.0
         return network
 
-    def _open_bus(self) -> Any:
-        """Open the described CAN interface; translate the library's errors."""
-        bus = self._options.bus
-        try:
-            if bus.interface == "socketcand" and bus.host is not None and bus.port is not None:
-                module = require_library("torquebench.bench.drivers.socketcand_bus", "canopen")
-                return module.SocketcandBus(bus.channel, bus.host, bus.port, self.timeout_s)
-            settings = {key: value for key, value in bus.model_dump().items() if value is not None}
-            return self._can.Bus(**settings)
-        except (self._can.CanError, ValueError) as error:
-            raise WireError(str(error)) from error
-
     def _close(self, connection: Any) -> None:
         connection.disconnect()
 
-    def exchange(self, ask: Callable[[Any, Any], Result], what: str) -> Result:
-        """Communicate with the network and its node; `what` names the request in messages."""
+    def exchange(self, ask: Callable[[Any], Result], what: str) -> Result:
+        """Communicate with the network; `what` names the request in messages."""
         aborted, garbled = self._canopen.SdoAbortedError, self._canopen.SdoCommunicationError
         malformed = (
             self._canopen.ObjectDictionaryError,
@@ -176,18 +243,11 @@ class CanopenLink(Link[Any]):
             """Exchange data with the node; turn its failures into the errors of wires."""
             try:
                 network.check()
-                return ask(network, network[self._options.node])
+                return ask(network)
             except aborted as error:
                 if error.code == TIMED_OUT:
                     raise WireError(Message("{what}: {failure}", what, error)) from error
-                refusal = _Refusal(
-                    Message("{name} at {address} refuses {what}: {error}",
-                            self.name, self.address, what, error),
-                    "an object and a value that the drive supports",
-                    "compare its object dictionary with cia402.eds",
-                )  # fmt: skip
-                refusal.code = error.code
-                raise refusal from error
+                raise self.refused(what, error, error.code) from error
             except (garbled, self._can.CanError, EOFError) as error:
                 text = str(error) or type(error).__name__
                 raise WireError(Message("{what}: {failure}", what, text)) from error
@@ -196,77 +256,49 @@ class CanopenLink(Link[Any]):
 
         return self.call(question)
 
-    def read(self, index: int, subindex: int = 0) -> int:
-        """Read an integer object."""
-        return int(
-            self.exchange(
-                lambda _, node: self._variable(node, index, subindex).raw,
-                Message("to read {object}", self._named(index, subindex)),
-            )
-        )
+    def _node(self, network: Any) -> Any:
+        return network[self._options.node]
 
-    def read_optional(self, index: int, subindex: int = 0) -> int | None:
-        """Read an integer object; None if the drive doesn't have it."""
-        try:
-            return self.read(index, subindex)
-        except _Refusal as refusal:
-            if refusal.code in ABSENT:
-                return None
-            raise
+    def upload(self, connection: Any, index: int, subindex: int) -> Any:
+        """Return an object's value."""
+        return self._sdo(connection, index, subindex).raw
 
-    def read_text(self, index: int) -> str:
-        """Read a text object; empty if the drive doesn't have it."""
-        what = Message("to read {object}", self._named(index, 0))
-        try:
-            return str(self.exchange(lambda _, node: self._variable(node, index, 0).raw, what))
-        except _Refusal as refusal:
-            if refusal.code in ABSENT:
-                return ""
-            raise
+    def download(self, connection: Any, index: int, subindex: int, value: int) -> None:
+        """Write an object's value."""
+        self._sdo(connection, index, subindex).raw = value
 
-    def write(self, index: int, value: int, subindex: int = 0) -> None:
-        """Write an integer object."""
-
-        def ask(network: Any, node: Any) -> None:
-            del network
-            self._variable(node, index, subindex).raw = value
-
-        named = self._named(index, subindex)
-        self.exchange(ask, Message("to write {value} to {object}", value, named))
-
-    def _named(self, index: int, subindex: int) -> str:
-        """Return number and name of an object, such as "0x6072 (Max torque)"."""
-        entry = self._dictionary[index]
-        variable = entry[subindex] if subindex else entry
-        return f"0x{index:04X}{f':{subindex}' * bool(subindex)} ({variable.name})"
-
-    def _variable(self, node: Any, index: int, subindex: int) -> Any:
-        return node.sdo[index][subindex] if subindex else node.sdo[index]
+    def _sdo(self, network: Any, index: int, subindex: int) -> Any:
+        sdo = self._node(network).sdo
+        return sdo[index][subindex] if subindex else sdo[index]
 
     def beat(self) -> None:
         """Send this computer's heartbeat once."""
         can_id = 0x700 + self._options.master
         self.exchange(
-            lambda network, _: network.send_message(can_id, bytes([OPERATIONAL])),
+            lambda network: network.send_message(can_id, bytes([OPERATIONAL])),
             "to send a heartbeat",
         )
 
     def start_node(self) -> None:
         """Set the node to the NMT state operational."""
 
-        def ask(network: Any, node: Any) -> None:
-            del network
-            node.nmt.state = "OPERATIONAL"
+        def ask(network: Any) -> None:
+            self._node(network).nmt.state = "OPERATIONAL"
 
         self.exchange(ask, "to start the node")
+
+    def watch(self, write: Callable[[int, int, int], None], watchdog_s: float) -> None:
+        """Let the drive monitor this computer's heartbeat, with a fault as its reaction."""
+        milliseconds = round(watchdog_s * MS_PER_S)
+        write(HEARTBEAT_CONSUMER, self._options.master << 16 | milliseconds, 1)
+        write(ABORT_OPTION, ABORT_BY_FAULT, 0)
 
     def emergency(self) -> str:
         """Return the last emergency message (EMCY) that wasn't reset; empty without one."""
 
-        def ask(network: Any, node: Any) -> str:
+        def ask(network: Any) -> str:
             """Return the drive's active emergency code; empty if there is none."""
-            del network
-            active = node.emcy.active
+            active = self._node(network).emcy.active
             return str(active[-1]).replace("Code ", "EMCY ") if active else ""
 
         return self.exchange(ask, "to read its emergencies")
@@ -286,7 +318,7 @@ class Cia402Drive:
     """
 
     def __init__(
-        self, link: CanopenLink, side: Side, options: Cia402Options, watchdog_s: float
+        self, link: ObjectLink, side: Side, options: DriveOptions, watchdog_s: float
     ) -> None:
         self._link = link
         self._side = side
@@ -360,7 +392,7 @@ class Cia402Drive:
         while True:
             try:
                 return self._link.write(index, value, subindex)
-            except _Refusal as refusal:
+            except Refusal as refusal:
                 if refusal.code != NOT_IN_THIS_STATE or time.monotonic() > deadline:
                     raise
             self._link.beat()
@@ -424,9 +456,7 @@ class Cia402Drive:
         link = self._link
         link.start_node()
         link.beat()
-        milliseconds = round(self._watchdog_s * MS_PER_S)
-        self._write(HEARTBEAT_CONSUMER, self._options.master << 16 | milliseconds, 1)
-        self._write(ABORT_OPTION, ABORT_BY_FAULT)
+        link.watch(self._write, self._watchdog_s)
         link.beat()
         status = self._await_state(
             lambda status: status not in BUSY_STATES, "ready", fault_ends=False
