@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
@@ -32,6 +34,8 @@ PRELOADED = (
 """Modules that computations need."""
 MOST_MB, MOST_S, MOST_RESULT_MB = 4096, 900.0, 32
 """Address space, processor time and result of a computation with foreign files."""
+IDLE_S = 120.0
+"""Time after the last computation at which the server of forks ends, which holds 200 MB."""
 
 
 def run_in_process(
@@ -65,6 +69,17 @@ def run_in_process(
     BenchError
         The process died, or the function failed otherwise.
     """
+    with _server():
+        return _run(function, arguments, progress, cancelled, folder)
+
+
+def _run(
+    function: Callable[..., Result],
+    arguments: tuple[Any, ...],
+    progress: Progress,
+    cancelled: Callable[[], str],
+    folder: Path | None,
+) -> Result:
     context = _context()
     here, there = context.Pipe()
     process = context.Process(
@@ -110,6 +125,42 @@ def _context() -> Any:
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__, *PRELOADED])
     return context
+
+
+class _Computations:
+    """Number of the running computations; the server of forks ends a while after the last."""
+
+    lock = threading.Lock()
+    running = 0
+    waiting: threading.Timer | None = None
+
+
+@contextmanager
+def _server() -> Iterator[None]:
+    """Keep the server of forks while a computation runs, and end it when it has been idle."""
+    with _Computations.lock:
+        _Computations.running += 1
+        if _Computations.waiting is not None:
+            _Computations.waiting.cancel()
+            _Computations.waiting = None
+    try:
+        yield
+    finally:
+        with _Computations.lock:
+            _Computations.running -= 1
+            if not _Computations.running:
+                _Computations.waiting = threading.Timer(IDLE_S, _end_idle_server)
+                _Computations.waiting.daemon = True
+                _Computations.waiting.start()
+
+
+def _end_idle_server() -> None:
+    with _Computations.lock:
+        if not _Computations.running and _context().get_start_method() == "forkserver":
+            from multiprocessing import forkserver
+
+            # The next computation starts it again. Python has no public way to end it.
+            forkserver._forkserver._stop()  # type: ignore[attr-defined]
 
 
 class _Sent(NoProgress):

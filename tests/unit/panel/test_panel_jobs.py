@@ -535,3 +535,18 @@ def test_a_form_shows_six_fields_at_most_and_folds_the_rest() -> None:
         asked = parameters(operation.request)
         shown = [each.name for each in asked if not (each.expert or each.local)]
         assert len(shown) <= 6, (operation.name, shown)
+
+
+def test_the_server_of_forks_ends_when_it_is_idle_and_begins_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It held 200 MB from the first computation on."""
+    from multiprocessing.forkserver import _forkserver
+
+    monkeypatch.setattr("torquebench.panel.run_in_process.IDLE_S", 0.05)
+    for value in (2.0, 3.0):
+        assert run_in_process(doubled, value) == 2.0 * value
+        deadline = time.monotonic() + 200.0
+        while _forkserver._forkserver_pid is not None:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)

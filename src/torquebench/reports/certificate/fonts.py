@@ -1,15 +1,18 @@
 """Fonts of a certificate, and the package to install if one is missing."""
 
+from __future__ import annotations
+
 import unicodedata
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
-
-import typst
+from typing import TYPE_CHECKING, Any
 
 from torquebench.errors import InputError
 from torquebench.message import Message
+
+if TYPE_CHECKING:
+    import typst
 
 LATIN = "Libertinus Serif"
 """Supplied with Typst, so that a certificate's bytes don't depend on the machine."""
@@ -93,9 +96,13 @@ def _texts(content: Any) -> Iterator[str]:
 
 @cache
 def _system_fonts() -> typst.Fonts:
+    import typst  # late: 7 MB that only certificates need
+
     return typst.Fonts()
 
 
 @cache
 def _fonts(*folders: str) -> typst.Fonts:
+    import typst
+
     return typst.Fonts(include_system_fonts=False, font_paths=list(folders))

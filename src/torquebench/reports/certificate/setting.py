@@ -1,15 +1,18 @@
 """Typeset documents by Typst from a template, its content as JSON, and figures."""
 
+from __future__ import annotations
+
 import json
 import tempfile
 from collections.abc import Mapping
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
-
-import typst
+from typing import TYPE_CHECKING, Any
 
 from torquebench.reports.certificate.fonts import fonts_for
+
+if TYPE_CHECKING:
+    import typst
 
 
 def typeset(
@@ -47,6 +50,8 @@ def typeset(
         needed = {"main.typ": template.read_bytes(), "content.json": text, **files}
         for name, each in needed.items():
             (folder / name).write_bytes(each.encode() if isinstance(each, str) else each)
+        import typst
+
         compiler = typst.Compiler(str(folder / "main.typ"), root=str(folder), font_paths=fonts)
         document = compiler.compile(**kind)
     return [document] if isinstance(document, bytes) else document or []

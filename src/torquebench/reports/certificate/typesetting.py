@@ -1,13 +1,14 @@
 """The PDF of a certificate, typeset by Typst; the same record gives the same bytes."""
 
+from __future__ import annotations
+
 import io
 from datetime import UTC, datetime, time
 from importlib import resources
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import segno
-import typst
 
 from torquebench.errors import InputError
 from torquebench.figures import Curve, error_figure
@@ -16,6 +17,9 @@ from torquebench.reports.certificate.content import certificate_content
 from torquebench.reports.certificate.labels import labels_of
 from torquebench.reports.certificate.record import CertificateRecord
 from torquebench.reports.certificate.setting import typeset
+
+if TYPE_CHECKING:
+    import typst
 
 PDF_STANDARD: Final = "a-2u"
 """PDF/A for archives: embedded fonts, searchable text."""
@@ -58,6 +62,8 @@ def certificate_pages(record: CertificateRecord, language: str) -> list[bytes]:
 def _typeset(
     record: CertificateRecord, language: str, installed: typst.Fonts | None, **kind: Any
 ) -> list[bytes]:
+    import typst  # late: 7 MB that only certificates need
+
     template = resources.files(__package__) / "certificate.typ"
     figures: dict[str, str | bytes] = {
         "errors.svg": errors_svg(record, language),

@@ -155,7 +155,11 @@ class _CalibrationPage:
     async def _read(self) -> None:
         """Read the records on another thread, and show them."""
         found = await self.visitor.attempt_aside(self._found)
-        if self._content.is_deleted or found is None:
+        if self._content.is_deleted:
+            return
+        if found is None:
+            with refilled(self._content):
+                empty(self.text("frame.no_page"), "search_off")
             return
         self.found = found
         if self.step is None:

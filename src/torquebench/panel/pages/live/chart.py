@@ -133,7 +133,7 @@ class LiveChart:
     def _controls(self) -> None:
         text = self.text
         with self.trend:
-            with box("span", "group", role="group", aria_label=text("live.view")):
+            with box("span", "group views", role="group", aria_label=text("live.view")):
                 self._views = {view: self._view_button(view) for view in get_args(View)}
             with box("span", "group spans", role="group", aria_label=text("live.window")):
                 self._spans = {key: self._span_button(key) for key in SPANS}

@@ -39,7 +39,6 @@ from torquebench.panel.pages.records.samples import RunSamples
 from torquebench.panel.pages.visitor import Visitor, profile_titles
 from torquebench.panel.service import InterruptedView, Marker, RunDetail, RunTable
 from torquebench.panel.text import Text
-from torquebench.records.export.streams import STREAM_FORMATS, stream_ending
 from torquebench.units import minus_signs
 
 __all__ = ["doubt_notes", "run_title"]
@@ -102,6 +101,8 @@ class _RunPanel:
         with panel(text("run.title", number=self._run_id)), box("div", "stack"):
             with box("div", "line"):
                 if detail.run.finished is not None:
+                    from torquebench.records.export.streams import STREAM_FORMATS  # 31 MB
+
                     archive = partial(self._export, "records export", f"{self._run_id}.zip")
                     button(text("run.export"), archive, picture="download")
                     formats = {"": text("run.samples_as")} | {
@@ -242,6 +243,8 @@ class _RunPanel:
 
     async def _export_data(self, chosen: str) -> None:
         """Download the samples as one file."""
+        from torquebench.records.export.streams import STREAM_FORMATS, stream_ending
+
         file_format = next((name for name in STREAM_FORMATS if name == chosen), None)
         if file_format is not None:
             name = f"{self._run_id}-samples{stream_ending(file_format)}"
