@@ -42,7 +42,7 @@ class Cia402Objects:
         self._texts = {0x1008: b"drive of its own"}
         self._identity = {1: 0xAFFE, 2: 7, 3: 1, 4: serial}
         self.position = 0
-        self.largest_permille = LARGEST_PERMILLE
+        self.largest_permille, self.largest_rpm = LARGEST_PERMILLE, LARGEST_RPM
         self.modes = 0x0C  # profile velocity and profile torque
         self.torques: list[int] = []
         self.bits = 0x210  # voltage enabled, remote
@@ -71,7 +71,7 @@ class Cia402Objects:
             0x6076: struct.pack("<I", RATED_MNM),
             0x6502: struct.pack("<I", self.modes),
             0x6077: struct.pack("<h", torque),
-            0x6080: struct.pack("<I", LARGEST_RPM),
+            0x6080: struct.pack("<I", self.largest_rpm),
             0x6064: struct.pack("<i", self.position),
             0x606B: struct.pack("<i", velocity),
             0x606C: struct.pack("<i", velocity),

@@ -7,6 +7,7 @@ A frame has subframes: 0x0T/0x1T/0x2T write, read, reply of type T (0 int8, 1 in
 import math
 import struct
 import time
+from collections.abc import Callable
 
 from tests.peers.lines import LinePeer
 
@@ -32,6 +33,8 @@ class MoteusPeer(LinePeer):
         super().__init__(serial=serial)
         self.node, self.number = node, number
         self.mode, self.fault_code, self.position = STOPPED, 0, 0.25
+        self.follows: Callable[[], float] | None = None  # what turns the shaft instead
+        self._looked_s = time.monotonic()
         self.torque_nm = self.velocity = 0.0
         self.torques: list[float] = []
         self._until = math.inf
@@ -42,6 +45,11 @@ class MoteusPeer(LinePeer):
         return self.mode == POSITION
 
     def look(self) -> None:
+        passed_s = time.monotonic() - self._looked_s
+        self._looked_s += passed_s
+        self.position += self.velocity * passed_s
+        if self.follows is not None:
+            self.position = self.follows()
         if self.mode == POSITION and time.monotonic() > self._until:
             self.mode = TIMEOUT
         if self.mode != POSITION:

@@ -1,4 +1,4 @@
-"""The drivers of examples/drivers keep the contract."""
+"""The drivers of examples/drivers, one for each role, keep the contract."""
 
 import importlib.util
 import time
@@ -7,12 +7,17 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from tests.peers.lines import LinePeer
 from tests.peers.motor import Motor
 from tests.system.networked import HASTY_DRIVE_S, described
 
-from torquebench.bench.description import BenchDescription
+from torquebench.bench.description import (
+    BenchDescription,
+    GuideRailDescription,
+    PowerSupplyDescription,
+)
 from torquebench.bench.drivers import plugins
 from torquebench.bench.drivers.instruments import open_role
 from torquebench.testing.drivers import DriverCase, DriverContract
@@ -30,11 +35,12 @@ def example() -> Any:
 
 
 class AsciiPeer(LinePeer):
-    """A drive and an amplifier of 100 values a second behind one port."""
+    """A drive, amplifiers, probes, encoders and a fixture behind one port."""
 
     def __init__(self) -> None:
         super().__init__()
         self.motor = Motor()
+        self.coils = [0] * 6
         self._asked_s = {"1": time.monotonic(), "2": time.monotonic()}
 
     def answer(self, line: str) -> str:
@@ -44,6 +50,14 @@ class AsciiPeer(LinePeer):
             motor.look()
             if word == "ID?":
                 return "peers ascii A-1"
+            fixed = {"T?": "12.5 12.5", "A?": "-7 2500", "P?": "23 23 23 23 23"}
+            if word in fixed:
+                return fixed[word]
+            if word == "C?":
+                return " ".join(str(int(bit)) for bit in self._contacts())
+            if word == "SET":
+                self.coils[int(rest[0])] = int(rest[1])
+                return "OK"
             if word == "LIM?":
                 return "60 150"
             if word == "ST?":
@@ -54,6 +68,13 @@ class AsciiPeer(LinePeer):
                 self._asked_s[rest[0]] += 0.01 * count
                 return " ".join(["12.5"] * min(count, 1000)) or " "
             return self._obey(word, [float(text) for text in rest])
+
+    def _contacts(self) -> list[int]:
+        made: list[int] = []
+        for driven, locked in (self.coils[0:2], self.coils[2:4]):
+            made += [int(not driven and not locked), driven, locked]
+        clamp, rail = self.coils[4:6]
+        return [*made, clamp, clamp, 1 - clamp, rail, 1 - rail, 1]
 
     def _obey(self, word: str, numbers: list[float]) -> str:
         motor = self.motor
@@ -92,13 +113,59 @@ def running() -> Iterator[AsciiPeer]:
 
 def bench(peer: AsciiPeer) -> BenchDescription:
     section = {"protocol": "ascii", "address": peer.address}
-    found = described(output_drive=section | {"timeout_s": 4.9}, reference=section)
+    alike = ("reference", "angles", "temperature", "modes", "clamp", "guide_rail", "power_supply")
+    channels = dict.fromkeys(("input_torque", "output_torque"), "")
+    found = described(
+        counter=section | {"channels": channels, "timeout_s": 4.9},
+        output_drive=section | {"timeout_s": 4.9},
+        **dict.fromkeys(alike, section | {"timeout_s": 4.9}),
+    )
+    parts = {
+        "guide_rail": GuideRailDescription(serial="A-1"),
+        "power_supply": PowerSupplyDescription(serial="A-1"),
+        "counter": found.counter.model_copy(
+            update={"serial": "A-1", "window_s": 0.05, "block_s": 0.25}
+        ),
+    }
+    found = found.model_copy(update=parts)
     drive = found.output.drive.model_copy(update={"serial": "A-1"})
     module = found.output.model_copy(update={"drive": drive})
     return found.model_copy(update={"output": module})
 
 
+def _read_windows(counter: Any) -> Any:
+    counter.select(frozenset({"input_torque", "output_torque"}))
+    return counter.read_block(0.25)
+
+
+def _has_values(block: Any) -> bool:
+    """Whether every window is there, asked for in time or lost on a busy computer."""
+    values = block.records["input_torque"]["signal"]
+    return values.size == 5 and set(values[~np.isnan(values)]) <= {12.5}
+
+
 CASES = [
+    DriverCase(
+        "counter",
+        "counter",
+        _read_windows,
+        _has_values,
+        lossy=True,
+    ),
+    DriverCase(
+        "angles", "angles", lambda i: i.counts(), lambda c: c == {"input": -7, "output": 2500}
+    ),
+    DriverCase(
+        "probes",
+        "temperature",
+        lambda i: i.temperatures(),
+        lambda t: set(t.values()) == {23.0},
+        quiet=True,
+    ),
+    DriverCase("modes", "modes", lambda i: i.mode("input"), lambda m: m == "free"),
+    DriverCase("clamp", "clamp", lambda i: i.clamped(), lambda c: c is False),
+    DriverCase("rail", "guide_rail", lambda i: i.position(), lambda p: p == "away"),
+    DriverCase("supply", "power_supply", lambda i: i.supplies(), lambda s: s is True),
     DriverCase("drive", "output_drive", lambda i: i.state(), lambda s: not s.enabled),
     DriverCase(
         "read-out",
@@ -122,8 +189,9 @@ class TestAscii(DriverContract):
 
     def hasty(self, description: BenchDescription) -> BenchDescription:
         driver = dict(description.driver)
-        for key in ("output_drive", "reference"):
-            driver[key] = driver[key] | {"timeout_s": HASTY_DRIVE_S}
+        for key, section in driver.items():
+            if section.get("protocol") == "ascii":
+                driver[key] = section | {"timeout_s": HASTY_DRIVE_S}
         return description.model_copy(update={"driver": driver})
 
 
@@ -140,3 +208,18 @@ def test_the_drive_ramps_and_stops_by_its_own_watchdog(running: AsciiPeer) -> No
     finally:
         drive.disable()
         drive.close()
+
+
+def test_the_fixture_goes_where_it_is_sent(running: AsciiPeer) -> None:
+    described_bench = bench(running)
+    modes, clamp, rail = (open_role(described_bench, k) for k in ("modes", "clamp", "guide_rail"))
+    try:
+        modes.set_mode("output", "locked")
+        assert (modes.mode("input"), modes.mode("output")) == ("free", "locked")
+        clamp.set_clamped(True)
+        rail.move("end")
+        assert (clamp.clamped(), rail.position()) == (True, "end")
+    finally:
+        running.coils = [0] * 6
+        for part in (modes, clamp, rail):
+            part.close()

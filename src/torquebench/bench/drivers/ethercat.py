@@ -38,7 +38,6 @@ from torquebench.bench.drivers.links import (
     LONGEST_TIME_OUT_S,
     POLL_S,
     WireError,
-    drive_timeout,
 )
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest, require_library
 from torquebench.bench.roles import Side
@@ -372,13 +371,10 @@ class EthercatDrive(Cia402Drive):
 def _drive(request: InstrumentRequest) -> EthercatDrive:
     assert request.side is not None
     options: EthercatOptions = request.read(EthercatOptions)
-    watchdog_s = request.description.module(request.side).drive.watchdog_s
-    options = options.model_copy(
-        update={"timeout_s": drive_timeout(options.timeout_s, watchdog_s, request.section)}
-    )
-    name = request.section.removeprefix("driver.").replace("_", " ")
+    watchdog_s, timeout_s = request.drive_times(options.timeout_s)
+    options = options.model_copy(update={"timeout_s": timeout_s})
     positions, shortest_s = _on_adapter(request, options.adapter)
-    with EthercatLink(name, options, positions, shortest_s).kept() as link:
+    with EthercatLink(request.name, options, positions, shortest_s).kept() as link:
         return EthercatDrive(link, request.side, options, watchdog_s)
 
 

@@ -22,7 +22,6 @@ from torquebench.bench.drivers.links import (
     TimeOut,
     WireError,
     check_drive_order,
-    drive_timeout,
     wait_until_enabled,
 )
 from torquebench.bench.drivers.plugins import (
@@ -297,10 +296,8 @@ class OdriveDrive:
 def _drive(request: InstrumentRequest) -> OdriveDrive:
     assert request.side is not None
     options: OdriveOptions = request.read(OdriveOptions)
-    watchdog_s = request.description.module(request.side).drive.watchdog_s
-    timeout_s = drive_timeout(options.timeout_s, watchdog_s, request.section)
-    name = request.section.removeprefix("driver.").replace("_", " ")
-    with OdriveLink(name, options, timeout_s).kept() as link:
+    watchdog_s, timeout_s = request.drive_times(options.timeout_s)
+    with OdriveLink(request.name, options, timeout_s).kept() as link:
         return OdriveDrive(link, request.side, options, watchdog_s)
 
 
