@@ -222,16 +222,8 @@ class _StuckCheck:
 
     Values are constant while they don't spread beyond the counter's own noise. For a signal with
     clear noise of its own, constant values are a fault; a signal about as quiet as its counter is
-    stuck if the torque of the other transducer on its side changes.
-
-    Parameters
-    ----------
-    stuck_s : float
-        Longest time of constant values, s.
-    moved_nm : float
-        Change of the partner's torque that this channel has to show, N·m.
-    column, uncertainty_column : str
-        Columns of the signal and its uncertainty.
+    stuck if the torque of the other transducer on its side changes by `moved_nm`. `stuck_s` is the
+    longest time of constant values.
     """
 
     def __init__(

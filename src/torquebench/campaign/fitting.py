@@ -339,10 +339,7 @@ def _examined(data: CalibrationData) -> tuple[CalibrationData, Examination]:
 def _kept(data: CalibrationData, examination: Examination, outliers: str) -> CalibrationData:
     """Return the points without single wrong rows; all points if parts contradict each other.
 
-    Raises
-    ------
-    InputError
-        There is a wrong row and outliers are refused.
+    A wrong row is an error if outliers are refused.
     """
     wrong = [] if examination.disagreements else examination.wrong_rows
     if not wrong or outliers == "keep":

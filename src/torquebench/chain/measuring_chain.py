@@ -504,11 +504,11 @@ def _sum(effects: Iterable[Effect], readings: Readings, off: frozenset[str]) -> 
     for effect in effects:
         for component in effect.components(readings, torque):
             part = not_corrected(component, 1.0) if component.name in off else component
-            if alone and (
-                isinstance(part.value_nm, np.ndarray) or isinstance(part.uncertainty_nm, np.ndarray)
-            ):
-                part = part.of_one()
-            if alone or isinstance(part.value_nm, np.ndarray):
+            if alone:
+                if type(part.value_nm) is not float or type(part.uncertainty_nm) is not float:
+                    part = part.of_one()
+                torque = torque + part.value_nm
+            elif isinstance(part.value_nm, np.ndarray):
                 torque = torque + part.value_nm
             components.append(part)
-    return Torque(np.atleast_1d(torque), tuple(components))
+    return Torque(np.array([torque]) if alone else np.asarray(torque), tuple(components))

@@ -69,17 +69,8 @@ def _places(
     combined, which gives the position at its start. The results equal those of a loop over readings
     bit by bit.
 
-    Parameters
-    ----------
-    reading : float64 array of shape (n,)
-        At least one; the last reading fills up the last chunk, which doesn't move the operators.
-    widths : float64 array of shape (j, 1)
-    start : float64 array of shape (j, 2)
-
-    Returns
-    -------
-    columns : float64 array of shape (length, chunks)
-    places : float64 array of shape (length, j, 2, chunks)
+    The last of n readings fills up the last chunk, which doesn't move the operators. Shapes: widths
+    (j, 1), start (j, 2), columns (length, chunks), places (length, j, 2, chunks).
     """
     length, chunks, columns = reading.size, 1, reading[:, None]
     if length > _ONE_BY_ONE:
@@ -513,11 +504,7 @@ def _in_loop(
 ) -> tuple[list[Any], list[Any]]:
     """Return each state's position from falling (0) to rising (1), and its excess beyond both.
 
-    Parameters
-    ----------
-    states : sequence of float or float64 array of shape (n,)
-    falling, rising : float or float64 array of shape (n,)
-        States that the calibration passed.
+    `falling` and `rising` are the states that the calibration passed.
     """
     rising = number.maximum(rising, falling)
     width = number.maximum(rising - falling, 1e-9)

@@ -146,13 +146,19 @@ class SignalScale:
         """
         names = self.column, self.uncertainty_column
         signal, (low, high) = record[names[0]], self.limits
-        alone = signal.size == 1  # a live block's only window
-        if not (low <= signal.item() <= high if alone else self._inside(signal).all()):
+        if signal.size == 1 and low <= (value := signal.item()) <= high:  # of a live block
+            deviation = value - self.zero
+            slope = self.sensitivity_ccw if deviation < 0.0 else self.sensitivity_cw
+            return record.with_columns(
+                reading_nm=np.array([deviation / slope]),
+                counter_nm=np.array([record[names[1]].item() / slope]),
+            )
+        if not self._inside(signal).all():
             record = record.marked(~self._inside(signal), SignalFaultKind.OUT_OF_MODULATION, *names)
-        deviation = record[names[0]] - self.zero
-        sensitivity = self._sensitivity(deviation)
+        deviations = record[names[0]] - self.zero
+        sensitivity = self._sensitivity(deviations)
         return record.with_columns(
-            reading_nm=deviation / sensitivity, counter_nm=record[names[1]] / sensitivity
+            reading_nm=deviations / sensitivity, counter_nm=record[names[1]] / sensitivity
         )
 
     def _inside(self, signal: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -273,15 +273,8 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     def _steady_torque(self, active: ActiveChain, start_s: float, stop_s: float) -> Torque:
         """Return the steady value of the stream's torque.
 
-        An instance belongs to one loading. Its standard error replaces the noise of its windows if
-        it is larger.
-
-        Raises
-        ------
-        SignalFault
-            A window wasn't compensated because the chain was activated later.
-        InputError
-            An effect refuses readings even after the step has settled; the message names it.
+        Its standard error replaces the noise of its windows if it is larger. An error names windows
+        without compensation, or the effect that refuses a reading.
         """
         compensated = active.window(start_s, stop_s)
         windows = self._least_windows(start_s, stop_s, torque_channel(self.side))

@@ -338,13 +338,7 @@ class Cia402Drive:
         self._stepper = Stepper(watchdog_s)
 
     def _available(self, profile: int, cyclic: int) -> int:
-        """Return the profile mode, or the cyclic one where the drive states that it has no other.
-
-        Raises
-        ------
-        BenchError
-            The drive has neither.
-        """
+        """Return the profile mode, else the cyclic one; refuse a drive that has neither."""
         bits = self._link.read_optional(SUPPORTED_MODES)
         supported = [mode for mode in (profile, cyclic) if not bits or bits >> mode - 1 & 1]
         if not supported:

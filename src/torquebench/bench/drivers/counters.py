@@ -99,13 +99,7 @@ class LibraryCounter(DescribedCounter):
         self._closed = False
 
     def _ask(self, question: Callable[[], Result], what: str = "") -> Result:
-        """Call the library.
-
-        Raises
-        ------
-        BenchError
-            The device fails or the counter is closed.
-        """
+        """Call the library; a failure or a closed counter is a BenchError."""
         if self._closed:
             raise BenchError("counter is closed", "an open instrument", "open it again")
         try:

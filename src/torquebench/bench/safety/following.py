@@ -31,21 +31,15 @@ class _Ramp:
     """Expected state of a drive, without delay and with the largest allowed delay.
 
     It is an interval: a drive may start the ramp of a newly controlled quantity at zero or at its
-    present value.
-
-    Parameters
-    ----------
-    quantity : {"torque", "speed"}
-    time_s, found : float
-        Time from which the drive controls this quantity, and the reading then.
+    present value. `time_s` is the time from which it controls the quantity, with this reading.
     """
 
-    def __init__(self, quantity: Quantity, time_s: float, found: float) -> None:
+    def __init__(self, quantity: Quantity, time_s: float, reading: float) -> None:
         self.quantity = quantity
         self._point = SetPoint()
         self._rate = math.inf
         self._time_s = time_s
-        self._ends = min(found, 0.0), max(found, 0.0)
+        self._ends = min(reading, 0.0), max(reading, 0.0)
         self._before = deque([(time_s, *self._ends)])
         self.deviating_s = 0.0
 
