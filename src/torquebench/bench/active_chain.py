@@ -221,7 +221,7 @@ class ActiveChain:
         self._stream.chain = self.chain
         self._fine = None
 
-    def standing(self, temperature_c: float = np.nan) -> Torque:
+    def standing(self) -> Torque:
         """Return the chain's torque for a reading of 0 in the stream's present state."""
         nothing = np.zeros(1)
         unloaded = Readings(
@@ -229,7 +229,7 @@ class ActiveChain:
             counter_nm=nothing,
             speed_rpm=0.0,
             acceleration_rad_s2=0.0,
-            temperature_c=temperature_c,
+            temperature_c=np.nan,
         )
         return self._stream.copy().push(unloaded)
 

@@ -20,6 +20,8 @@ RANGE_FACTOR = 3.267
 RUN_LENGTH = 8
 """Number of values in a row on one side of the mean that are a signal (Western Electric rule 4)."""
 
+_LEVEL = 0.95  # of the prediction interval
+
 
 @dataclass(frozen=True, eq=False)
 class ControlChart:
@@ -183,16 +185,16 @@ def individuals_chart(values: ArrayLike, base: int | None = None) -> ControlChar
     )
 
 
-def find_trend(moments: list[datetime], values: ArrayLike, *, level: float = 0.05) -> Trend | None:
+def find_trend(moments: list[datetime], values: ArrayLike) -> Trend | None:
     """Test values for a steady change with time; None for fewer than 4 different times.
+
+    It is significant below a p-value of 5 %.
 
     Parameters
     ----------
     moments : list of datetime
         Time of each value.
     values : array of float, shape (n,)
-    level : float, default 0.05
-        p-value below which a trend is significant.
 
     References
     ----------
@@ -219,7 +221,7 @@ def find_trend(moments: list[datetime], values: ArrayLike, *, level: float = 0.0
         tau=float(rank.statistic),
         p_value=float(rank.pvalue),
         per_year=float(line.slope),
-        significant=bool(rank.pvalue < level),
+        significant=bool(rank.pvalue < 0.05),
     )
 
 
@@ -229,13 +231,12 @@ def predict_drift(
     tolerance: float,
     *,
     centre: float = 0.0,
-    level: float = 0.95,
     horizon_years: float = 10.0,
 ) -> DriftPrediction:
     """Predict when a value leaves centre ± tolerance, by a line through its history.
 
-    The interval is that of a single further value (Montgomery, eq. 10.46): it contains the line's
-    uncertainty, which grows with the distance from the data, and the scatter about it.
+    The interval, of 95 %, is that of a single further value (Montgomery, eq. 10.46): it contains
+    the line's uncertainty, which grows with the distance from the data, and the scatter about it.
 
     Parameters
     ----------
@@ -246,8 +247,6 @@ def predict_drift(
         Tolerance, in the unit of the values.
     centre : float
         Centre of the tolerance.
-    level : float
-        Level of the prediction interval.
     horizon_years : float
         Length of the prediction after the last value, years.
 
@@ -279,7 +278,7 @@ def predict_drift(
     freedom = x.size - 2
     scatter = float(np.sqrt(np.sum(residual**2) / freedom))
     spread = float(np.sum((years - years.mean()) ** 2))
-    factor = float(stats.t.ppf(0.5 + level / 2.0, freedom))
+    factor = float(stats.t.ppf(0.5 + _LEVEL / 2.0, freedom))
     grid = years.max() + np.linspace(0.0, horizon_years, 3651)
     middle = line.intercept + line.slope * grid - centre
     reach = factor * scatter * np.sqrt(1.0 + 1.0 / x.size + (grid - years.mean()) ** 2 / spread)
@@ -297,7 +296,7 @@ def predict_drift(
         expected=when(away >= tolerance),
         latest=when(away - reach >= tolerance),
         per_year=float(line.slope),
-        level=level,
+        level=_LEVEL,
         horizon=first + timedelta(days=float(grid[-1]) * DAYS_PER_YEAR),
     )
 

@@ -575,7 +575,6 @@ def classify(
     *,
     degree: int,
     decreasing: bool,
-    form: Reproducibility = "range",
     fixed_scale: bool = False,
 ) -> Classification:
     """Find the class of a calibration and the range over which each class is met.
@@ -591,8 +590,6 @@ def classify(
         Degree of the interpolation.
     decreasing : bool
         Whether decreasing torque counts.
-    form : {"range", "standard-deviation"}
-        Form of the reproducibility.
     fixed_scale : bool, default False
         Whether the indication is read with a fixed scale, so that f_q counts instead of f_a.
 
@@ -605,9 +602,7 @@ def classify(
     for accuracy_class in CLASSES:
         meets = np.ones(evaluation.torque_nm.shape, dtype=np.bool_)
         limits = limits_of_class(accuracy_class)
-        for name, values, limit in _limited(
-            evaluation, limits, degree, decreasing, form, fixed_scale
-        ):
+        for name, values, limit in _limited(evaluation, limits, degree, decreasing, fixed_scale):
             if values is None:
                 raise InputError(
                     Message("a calibration without {name}", name),
@@ -628,13 +623,12 @@ def _limited(
     limits: ClassLimits,
     degree: int,
     decreasing: bool,
-    form: Reproducibility,
     fixed_scale: bool,
 ) -> Iterator[tuple[str, float | FloatArray | None, float]]:
     """Yield name, values and limit of every quantity that a class limits."""
     e = evaluation
     yield "a repeated series (b′)", e.repeatability_percent, limits.repeatability
-    yield "a second position (b)", e.reproducibility_percent(form), limits.reproducibility
+    yield "a second position (b)", e.reproducibility_percent("range"), limits.reproducibility
     yield "a zero after a series (f₀)", e.zero_residual_percent, limits.zero_residual
     yield "the resolution", e.resolution_percent, limits.resolution
     yield "the reference's uncertainty", e.reference_uncertainty_percent, limits.reference

@@ -150,10 +150,9 @@ def worse_than_raw(
     model: CompensationModel,
     X: ArrayLike,
     y: ArrayLike,
-    folds: int = 4,
     progress: Progress = NO_PROGRESS,
 ) -> str:
-    """Test by cross-validation whether a fitted model is worse than the raw reading.
+    """Test by cross-validation in four folds whether a fitted model is worse than the raw reading.
 
     Parameters
     ----------
@@ -163,8 +162,6 @@ def worse_than_raw(
         Feature columns.
     y : array of shape (n,)
         Torque of the standard in N·m.
-    folds : int, default 4
-        Number of folds k; each leaves out every k-th step, so that the steps beside it stay in.
     progress : Progress, optional
         Receives the fraction done, in steps of `SHARES`.
 
@@ -174,7 +171,7 @@ def worse_than_raw(
         Verdict in words; empty where the model is better.
     """
     features, torque = _checked(X, y)
-    fold_of_point, count = spread_folds(repeat_groups(features[:, 0]), folds)
+    fold_of_point, count = spread_folds(repeat_groups(features[:, 0]), 4)
     scored = fold_of_point >= 0
     scored[[point.row for point in model.outliers_]] = False
     errors = _left_out_errors(model, features, torque, fold_of_point, count, progress)

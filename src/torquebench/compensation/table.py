@@ -179,9 +179,6 @@ def compile_table(
     tolerance: float | None = None,
     uncertainty: bool = True,
     branches: bool = True,
-    series: float = 0.0,
-    speed_rpm: float = 0.0,
-    temperature_c: float = 0.0,
 ) -> CompensationTable:
     """Compile a fitted model to a table whose deviation is below a proved bound.
 
@@ -198,9 +195,6 @@ def compile_table(
     branches : bool, default True
         Whether to compile the branches; without them it takes a third of the time, and every branch
         counts as unknown.
-    series, speed_rpm, temperature_c : float
-        Values of the other columns, for models that use them; the table holds for these values
-        only.
 
     Raises
     ------
@@ -221,13 +215,12 @@ def compile_table(
         raise InputError(
             Message("table tolerance {tolerance:g}", tolerance), "above 0 and below 1 (full scale)"
         )
-    fixed = (0.0, 0.0, series, speed_rpm, temperature_c)
     columns = int(model.n_features_in_)
     branch_aware = branches and columns > 1 and "branch" in model.used_features
 
     def rows(reading: FloatArray, branch: int) -> FloatArray:
-        """Return columns of a model at readings of one branch."""
-        X = np.tile(np.asarray(fixed[:columns], dtype=np.float64), (reading.size, 1))
+        """Return columns of a model at readings of one branch; 0 in further columns."""
+        X = np.zeros((reading.size, columns))
         X[:, 0] = reading
         if columns > FEATURES.index("branch"):
             X[:, FEATURES.index("branch")] = branch

@@ -340,7 +340,6 @@ def shaft_on_bench(
     motor: MotorInertia,
     flange: Inertia,
     delay: Delay,
-    window_s: float = 0.0,
 ) -> tuple[TransferFunction, Shaft]:
     """Return the transfer function and shaft of a chain from its vibration with a fixed flange.
 
@@ -380,7 +379,7 @@ def shaft_on_bench(
         float(values[1]),
         lag,
         total - lag,
-        window_s,
+        0.0,
         tuple(map(tuple, covariance.tolist())),
     )
     u = transfer.standard_uncertainty("resonance_hz")

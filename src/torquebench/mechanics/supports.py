@@ -232,7 +232,6 @@ def twisted_solid(
     loaded: IntArray,
     torque_nm: float,
     shear_modulus_pa: float,
-    poisson_ratio: float = STEEL_POISSON_RATIO,
     *,
     axis: Literal[0, 2] = 2,
 ) -> TwistedSolid:
@@ -264,8 +263,8 @@ def twisted_solid(
         moved = across * v[2] if axis == 0 else along * v[1] - across * v[0]
         return moved * torque_nm / second_moment
 
-    young = 2.0 * shear_modulus_pa * (1.0 + poisson_ratio)
-    stiffness = linear_elasticity(*lame_parameters(young, poisson_ratio)).assemble(basis)
+    young = 2.0 * shear_modulus_pa * (1.0 + STEEL_POISSON_RATIO)
+    stiffness = linear_elasticity(*lame_parameters(young, STEEL_POISSON_RATIO)).assemble(basis)
     load = traction.assemble(face)
     free = np.setdiff1d(np.arange(basis.N), basis.get_dofs(clamped).all())
     moved = np.zeros(basis.N)

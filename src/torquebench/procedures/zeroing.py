@@ -86,7 +86,7 @@ def measure_zero(
 
 
 def zero_modules(
-    devices: BenchDevices, sides: Sequence[Side] = SIDES, *, duration_s: float = 1.0
+    devices: BenchDevices, sides: Sequence[Side] = SIDES
 ) -> Plan[dict[Side, ZeroResult]]:
     """Zero modules, set free and unloaded, without driving them again; the drives are off."""
     zeros: dict[Side, ZeroResult] = {}
@@ -95,7 +95,7 @@ def zero_modules(
     def measured() -> Plan[None]:
         for side in sides:
             yield from checkpoint()
-            zeros[side] = yield from measure_zero(devices, side, duration_s=duration_s)
+            zeros[side] = yield from measure_zero(devices, side, duration_s=1.0)
 
     run = bpp.run_wrapper(measured(), md=metadata)
     yield from bpp.finalize_wrapper(run, lambda: power_off(devices))

@@ -11,6 +11,7 @@ from torquebench.message import Message
 from torquebench.units import TURN
 
 # Number of tried starts between the first settled sample and the settling limit.
+_HARMONICS = 2  # subtracted of a ripple, the fundamental included
 _CANDIDATES = 8
 # Number of robust standard deviations of the window beyond which a residual is an outlier, too.
 _LIMIT = 6.0
@@ -75,8 +76,6 @@ def steady_value(
     value: ArrayLike,
     *,
     period_s: float | None = None,
-    estimate_ripple: bool = True,
-    harmonics: int = 2,
     tolerance: float = 0.0,
     minimum_samples: int = 8,
     settling_limit: float = 0.6,
@@ -97,11 +96,8 @@ def steady_value(
     value : array_like, shape (n,)
         Samples, all finite (a fault must be handled before), in any unit.
     period_s : float, optional
-        Known period of a ripple in seconds, such as the motor's rotation.
-    estimate_ripple : bool
-        Whether to look for a significant ripple if no period is given.
-    harmonics : int
-        Number of subtracted harmonics of the ripple, including the fundamental.
+        Known period of a ripple in seconds, such as the motor's rotation; by default a significant
+        ripple is looked for. Two harmonics of it are subtracted.
     tolerance : float
         Negligible drift over the window, in the samples' unit.
     minimum_samples : int
@@ -135,15 +131,15 @@ def steady_value(
     latest = min(int(settling_limit * good.size), good.size - minimum_samples)
     first = settling_index(good, latest)
     period = period_s
-    if period is None and estimate_ripple:
+    if period is None:
         period = estimate_period(good_times[first:], good[first:])
     if period is not None:
-        ripple = _ripple(good_times, good, latest, period, harmonics)
+        ripple = _ripple(good_times, good, latest, period)
         first = settling_index(good - ripple, latest)
     starts = np.unique(np.linspace(first, max(latest, first), _CANDIDATES).astype(np.intp))
     best: SteadyValue | None = None
     for start in starts:
-        window = _evaluate(good_times[start:], good[start:], period, harmonics, tolerance)
+        window = _evaluate(good_times[start:], good[start:], period, tolerance)
         if window.samples < minimum_samples:
             break
         if best is None or _unsteadiness(window) < _unsteadiness(best) or window.settled:
@@ -151,9 +147,7 @@ def steady_value(
         if window.settled:
             break
     if best is None:
-        best = replace(
-            _evaluate(good_times[first:], good[first:], None, harmonics, tolerance), settled=False
-        )
+        best = replace(_evaluate(good_times[first:], good[first:], None, tolerance), settled=False)
     dropped = best.rejected + int(
         np.sum(outlying & (times >= best.start_s) & (times <= best.stop_s))
     )
@@ -233,9 +227,7 @@ def _checked(
     return times, samples
 
 
-def _columns(
-    times: NDArray[np.float64], period: float | None, harmonics: int
-) -> list[NDArray[np.float64]]:
+def _columns(times: NDArray[np.float64], period: float | None) -> list[NDArray[np.float64]]:
     """Return columns for mean, slope (about the middle) and all harmonics that can be sampled."""
     columns = [np.ones_like(times), times - times.mean()]
     if period is None:
@@ -243,7 +235,7 @@ def _columns(
     interval = (times[-1] - times[0]) / (times.size - 1)
     carried = int(0.45 * period / interval)
     affordable = (times.size // _SAMPLES_PER_TERM - 2) // 2
-    orders = max(min(harmonics, carried, affordable), 0)
+    orders = max(min(_HARMONICS, carried, affordable), 0)
     return columns + ripple_terms(times, period, orders)
 
 
@@ -252,10 +244,9 @@ def _ripple(
     samples: NDArray[np.float64],
     start: int,
     period: float,
-    harmonics: int,
 ) -> NDArray[np.float64]:
     """Return the ripple over the whole record, fitted to its settled part."""
-    columns = np.column_stack(_columns(times, period, harmonics))
+    columns = np.column_stack(_columns(times, period))
     coefficients, *_ = np.linalg.lstsq(columns[start:], samples[start:], rcond=None)
     return np.asarray(columns[:, 2:] @ coefficients[2:])
 
@@ -264,7 +255,6 @@ def _evaluate(
     times: NDArray[np.float64],
     samples: NDArray[np.float64],
     period: float | None,
-    harmonics: int,
     tolerance: float,
 ) -> SteadyValue:
     """Return mean, slope and errors of one window, cut at its beginning to whole periods."""
@@ -276,7 +266,7 @@ def _evaluate(
         if enough:
             inside = times > times[-1] - periods * period + 1e-6 * interval
             times, samples = times[inside], samples[inside]
-    columns = _columns(times, period if enough else None, harmonics)
+    columns = _columns(times, period if enough else None)
     matrix = np.column_stack(columns)
     keep, coefficients, residual = _robust_fit(matrix, samples)
     correlated = correlation_length(residual, fitted=2)

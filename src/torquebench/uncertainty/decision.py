@@ -12,7 +12,7 @@ from scipy import special
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.uncertainty.budget import COVERAGE_PROBABILITY, coverage_factor
+from torquebench.uncertainty.budget import coverage_factor
 
 
 class Verdict(StrEnum):
@@ -190,7 +190,6 @@ def decide(
     reading: float | None = None,
     full_scale: float | None = None,
     degrees_of_freedom: float = float("inf"),
-    coverage_probability: float = COVERAGE_PROBABILITY,
 ) -> Decision:
     """Compare a value with its tolerance, with the guard band w = U.
 
@@ -199,12 +198,12 @@ def decide(
     value : float
         Value to be compared, usually an error.
     expanded_uncertainty : float
-        U at `coverage_probability`, in the value's unit.
+        U at `COVERAGE_PROBABILITY`, in the value's unit.
     tolerance : Tolerance
         Tolerance with its reference.
     reading, full_scale : float, optional
         Reference of the tolerance, in the value's unit.
-    degrees_of_freedom, coverage_probability : float
+    degrees_of_freedom : float
         Expansion of U, for the conformance probability.
 
     Returns
@@ -248,9 +247,7 @@ def decide(
         verdict = Verdict.CONDITIONAL_FAIL
     else:
         verdict = Verdict.FAIL
-    standard = expanded_uncertainty / float(
-        coverage_factor(degrees_of_freedom, coverage_probability)
-    )
+    standard = expanded_uncertainty / float(coverage_factor(degrees_of_freedom))
     probability = conformance_probability(value, standard, lower, upper, degrees_of_freedom)
     return Decision(
         verdict, value, expanded_uncertainty, lower, upper, expanded_uncertainty, probability

@@ -97,7 +97,7 @@ def test_equal_values_and_short_histories_have_no_trend():
 
 def test_the_prediction_interval_is_that_of_a_further_value():
     x, y = np.arange(6.0), np.array([0.0, 0.012, 0.018, 0.033, 0.038, 0.052])
-    found = predict_drift(years(6), y, 0.1, level=0.95)
+    found = predict_drift(years(6), y, 0.1)
     line = stats.linregress(x, y)
     rest = y - line.intercept - line.slope * x
     s = np.sqrt(np.sum(rest**2) / 4)

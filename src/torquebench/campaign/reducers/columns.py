@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from torquebench.tables import Conversion, Table, Understood
+    from torquebench.tables import Table, Understood
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,6 @@ def read_columns(
     required: Sequence[str],
     mapping: Sequence[str],
     where: Sequence[str],
-    conversion: Conversion | None = None,
 ) -> ReducerColumns:
     """Return columns of a table, or of several one after another, by quantity.
 
@@ -60,7 +59,7 @@ def read_columns(
     ----------
     files : sequence of pathlib.Path
         Files of any format that `read_table` reads.
-    wanted, required, mapping, conversion
+    wanted, required, mapping
         As of `understand`.
     where : sequence of str
         ``Header=value,value`` of the rows that are used.
@@ -72,7 +71,7 @@ def read_columns(
     """
     import numpy as np
 
-    parts = [_read(file, wanted, required, mapping, where, conversion) for file in files]
+    parts = [_read(file, wanted, required, mapping, where) for file in files]
     if len(parts) == 1:
         return parts[0]
     common = [name for name in parts[0].numbers if all(name in part.numbers for part in parts)]
@@ -103,7 +102,6 @@ def _read(
     required: Sequence[str],
     mapping: Sequence[str],
     where: Sequence[str],
-    conversion: Conversion | None,
 ) -> ReducerColumns:
     """Read the columns of a reducer test from a table, with constants that its headers state."""
     import numpy as np
@@ -113,13 +111,13 @@ def _read(
     table = read_table(data)
     named = [text.partition("=")[0].strip() for text in mapping]
     constants: dict[str, float] = {}
-    present = understand(table, wanted, named, mapping, conversion)
+    present = understand(table, wanted, named, mapping)
     missing = [name for name in required if name not in present and name not in named]
     for name in missing:
         alone = [wanted[other] for other in missing].count(wanted[name]) == 1
         constants |= _stated_once(table, data, name, wanted[name], in_name=alone)
     needed = [name for name in required if name not in constants]
-    understood = understand(table, wanted, needed, mapping, conversion)
+    understood = understand(table, wanted, needed, mapping)
     table = _chosen(table, where)
     numbers, notes = {}, list(table.notes)
     for name, column in understood.columns.items():

@@ -43,6 +43,7 @@ GROWTH = about(0.7, 1.2)
 _FARTHEST = 3.5  # prior standard deviations
 _MANY, _UPPER = 200.0, 0.975  # degrees of freedom that are kept; quantile of Student's factor
 _FREEDOM = 4.0
+_ROUNDS = 8  # iterations of heavy-tailed noise at most
 """Degrees of freedom of noise with heavy tails."""
 _LEAST_CURVATURE = 0.2  # of the prior's curvature; a smaller one isn't that of a normal posterior
 _CLOSE = 5e-3  # times the log posterior per point: about 0.02 of the log posterior
@@ -413,12 +414,12 @@ class Member:
             return max(len(self.problem.points) - self.effective_parameters(), 1.0)
         return _freedom_of(self.covariance[at, at])
 
-    def tailed(self, rounds: int = 8) -> Member:
+    def tailed(self) -> Member:
         """Return the same member with heavy-tailed noise (variational, Bishop 2006, eq. 10.3)."""
         layout = Layout(replace(self.structure, tailed=True), self.problem.parts)
         member = replace(self, layout=layout)
         bound = -np.inf
-        for _ in range(rounds):
+        for _ in range(_ROUNDS):
             base = member.weighting.base
             tails = (_FREEDOM + 1.0) / (_FREEDOM + member._expected_squares())
             weighting = Weighting(base * tails, base)
