@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,6 +15,7 @@ RailPosition = Literal["end", "away", "between"]
 """Position of the guide rail: at its end, away for mounting, or on its way."""
 
 SIDES: tuple[Side, Side] = ("input", "output")
+SIDE_TITLES: Mapping[str, str] = {"input": "Input module", "output": "Output module"}
 MODES: tuple[Mode, ...] = ("free", "driven", "locked")
 MOUNTINGS: tuple[Mounting, ...] = ("calibrator", "verification_standard", "reducer", "nothing")
 RAIL_TARGETS: tuple[RailPosition, ...] = ("end", "away")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field
 
 from torquebench import calibration, campaign, compensation, procedures, records
-from torquebench.bench.roles import Side
+from torquebench.bench.roles import SIDE_TITLES, Side
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.operations.operation import (
@@ -483,7 +483,7 @@ def calibration_curve(model: Any, data: calibration.CalibrationData) -> tuple[An
 
 
 def _module_sections(module: CalibratedModule) -> list[Section]:
-    title = Message("{side} module, {range_nm:g} N·m", module.side.capitalize(), module.range_nm)
+    title = Message("{side}, {range_nm:g} N·m", SIDE_TITLES[module.side], module.range_nm)
     blocks: list[Block] = [Facts(_facts(module)), errors_of_models(module)]
     if module.placement is not None:
         blocks.append(_placed(module.placement))

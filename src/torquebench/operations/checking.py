@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from torquebench import calibration, campaign, chain, procedures, records
-from torquebench.bench.roles import SIDES, Side
+from torquebench.bench.roles import SIDE_TITLES, SIDES, Side
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.operations.operation import (
@@ -208,7 +208,7 @@ class CheckedModule(Result):
             ("Run", self.run_ids[0]),
         ]
         blocks: list[Block] = [Facts(facts), Table(header, rows, caption)]
-        heading = Message("{side} module, {range_nm:g} N·m", self.side.capitalize(), self.range_nm)
+        heading = Message("{side}, {range_nm:g} N·m", SIDE_TITLES[self.side], self.range_nm)
         section = Section(heading, chain.not_in_u(self.not_in_u) or "", blocks)
         return Page("Check", "", [section], simulated=self.simulated)
 
@@ -340,7 +340,7 @@ class VerifiedModule(Result):
             ("Torques", "the same in every group" if self.same_points else "new in every group"),
             ("Run", self.run_ids[0]),
         ]
-        heading = Message("{side} module, {range_nm:g} N·m", self.side.capitalize(), self.range_nm)
+        heading = Message("{side}, {range_nm:g} N·m", SIDE_TITLES[self.side], self.range_nm)
         missing = chain.not_in_u(self.models[1].not_in_u) or ""
         return Page(
             Message("Verification of the {side} module", self.side),

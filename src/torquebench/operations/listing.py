@@ -430,9 +430,12 @@ def _verification(verification: VerificationEntry) -> Section:
         )
         if any(model[key] is not None for model in models)
     ]
-    marked = " - simulated" if verification.simulated else ""
-    text = f"run {verification.run_id}" if verification.run_id else ""
-    return Section(f"Verified {_moment(verification.performed)}{marked}", text, blocks)
+    heading = Message(
+        "Verified {moment}, simulated" if verification.simulated else "Verified {moment}",
+        _moment(verification.performed),
+    )
+    text = Message("run {run}", verification.run_id) if verification.run_id else ""
+    return Section(heading, text, blocks)
 
 
 def _show_calibration(registry: Registry, calibration_id: int) -> ShownRecord:

@@ -168,7 +168,7 @@ def additional_torque_blocks(design: Design) -> tuple[Answer, Blocks]:
         "torque in N·m",
         "additional torque in N·m",
         range_nm=design.range_nm,
-        title=f"{design.name}: consistent form",
+        title=Message("{name}: consistent form", design.name),
     )
     right = torque > 0.0
     as_printed = Panel(
@@ -211,8 +211,11 @@ def additional_torque_blocks(design: Design) -> tuple[Answer, Blocks]:
             (
                 (
                     "Coaxiality limit [J]",
-                    f"0.03 mm changes the torque at full scale by {number(effect)} N·m "
-                    f"({number(share)} % FS)",
+                    Message(
+                        "0.03 mm changes the torque at full scale by {effect} N·m ({share} % FS)",
+                        number(effect),
+                        number(share),
+                    ),
                 ),
             )
         ),
@@ -325,7 +328,9 @@ def section_blocks() -> tuple[Answer, Blocks]:
             (
                 (
                     "Hollow circle, d/D = 0.8",
-                    f"{number(gain, 4)} times as stiff as a solid one of the same area",
+                    Message(
+                        "{gain} times as stiff as a solid one of the same area", number(gain, 4)
+                    ),
                 ),
             )
         ),
@@ -376,8 +381,12 @@ def support_blocks(
                     ("hollow cylinder", found.cylinder),
                 ]
             ),
-            f"Supports under {torque_nm:g} N·m, feet clamped; displacements enlarged alike. A "
-            "horizontal bench's torque acts about its shaft, along the arm: it bends the column.",
+            Message(
+                "Supports under {torque:g} N·m, feet clamped; displacements enlarged alike. A "
+                "horizontal bench's torque acts about its shaft, along the arm: it bends the "
+                "column.",
+                torque_nm,
+            ),
         ),
         Table(
             (
@@ -397,10 +406,20 @@ def support_blocks(
                 ("Height", f"{used.height_m:g} m"),
                 (
                     "Cantilever",
-                    f"column {used.column_m:g} m × {used.thickness_m:g} m, arm "
-                    f"{used.arm_m:g} m × {used.arm_height_m:g} m",
+                    Message(
+                        "column {column:g} m × {thickness:g} m, arm {arm:g} m × {height:g} m",
+                        used.column_m,
+                        used.thickness_m,
+                        used.arm_m,
+                        used.arm_height_m,
+                    ),
                 ),
-                ("Cylinder", f"D {used.cylinder_m:g} m, d {used.bore_m:.3f} m, same mass"),
+                (
+                    "Cylinder",
+                    Message(
+                        "D {outer:g} m, d {inner:.3f} m, same mass", used.cylinder_m, used.bore_m
+                    ),
+                ),
             )
         ),
     ]

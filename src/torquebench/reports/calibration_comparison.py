@@ -6,6 +6,7 @@ import numpy as np
 
 from torquebench.campaign.calibration_comparison import CalibrationComparison, CalibrationStep
 from torquebench.figures import COLOURS, legend_above, new_figure, percent_axis, styled, svg_text
+from torquebench.message import Message
 from torquebench.reports.page import Drawings, Facts, Page, Section, Table
 from torquebench.uncertainty import stated
 
@@ -36,8 +37,8 @@ def calibration_comparison_page(found: CalibrationComparison) -> Page:
         "calibrations: curve, mounting, and the reference standards where they differ.",
     )
     return Page(
-        title=f"Transducer {found.after.entry.transducer_serial}: two calibrations",
-        subtitle=f"{found.before.name} and {found.after.name}",
+        title=Message("Transducer {serial}: two calibrations", found.after.entry.transducer_serial),
+        subtitle=Message("{before} and {after}", found.before.name, found.after.name),
         sections=[
             Section(
                 "Summary", "", (Facts(facts), Drawings(lambda: [(change_figure(found), caption)]))

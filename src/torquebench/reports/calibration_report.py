@@ -6,6 +6,7 @@ import numpy as np
 
 from torquebench.calibration import CalibrationData
 from torquebench.figures import Curve
+from torquebench.message import Message
 from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.page import Figure
 
@@ -38,11 +39,9 @@ def loading_figures(data: CalibrationData) -> list[Figure]:
         markers=True,
         limits=(-LOADING_LIMIT_PERCENT, LOADING_LIMIT_PERCENT),
     )
-    side = f" of the {data.side} module" if data.side else ""
-    return [
-        Figure(
-            panels_figure([panel], height=2.0),
-            f"Loading{side}: standard minus the requested torque, at every step. "
-            f"Dashed: ±{LOADING_LIMIT_PERCENT:g} % of range.",
-        )
-    ]
+    caption = Message(
+        "Loading: standard minus the requested torque, at every step. Dashed: ±{limit:g} % of "
+        "range.",
+        LOADING_LIMIT_PERCENT,
+    )
+    return [Figure(panels_figure([panel], height=2.0), caption)]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.bench.roles import SIDE_TITLES
 from torquebench.calibration import CalibrationData, repeatability
 from torquebench.figures import Curve
 from torquebench.message import Message
@@ -19,7 +20,6 @@ VERIFICATION_TITLES = {
     "input": "Verification of the input module",
     "output": "Verification of the output module",
 }
-SIDE_TITLES = {"input": "Input module", "output": "Output module"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +125,14 @@ def before_after_figure(
     limit = tolerance_percent / 100.0 * data.range_nm
     panel = Panel(
         [
-            Curve("before", data.standard_nm, data.reading_nm - data.standard_nm, raw=True),
             Curve(
-                f"after: {verified.title}",
+                "before compensation",
+                data.standard_nm,
+                data.reading_nm - data.standard_nm,
+                raw=True,
+            ),
+            Curve(
+                Message("after: {title}", verified.title),
                 data.standard_nm,
                 verified.torque_nm - data.standard_nm,
             ),

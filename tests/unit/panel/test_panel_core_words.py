@@ -28,6 +28,10 @@ from torquebench.units import unit_of_name
 
 ROOT = Path(torquebench.__file__).parent
 HOLE = re.compile(r"\{(\w+)\}")
+PARTS = {"Curve", "Diagram", "Facts", "Figure", "Page", "Panel", "Section", "Table"}
+"""What pages of results are made of."""
+ENGLISH_PAGES = {"reports/demo_report.py", "reports/module_report.py"}
+"""Pages of `demo`, which only the command line writes."""
 NOT_ON_THE_PANEL = (
     "cli/",
     "client.py",
@@ -125,6 +129,40 @@ def test_every_message_that_the_panel_can_show_has_a_translation() -> None:
         if not path.startswith(NOT_ON_THE_PANEL)
         for said in messages(path)
         if has_words(said) and said not in known_ones and said not in OPERATIONS
+    }
+    assert lacking == {}
+
+
+def page_texts(path: str) -> Iterator[str]:
+    """Yield the texts in the parts of results' pages; an f-string with words as its source."""
+    for name, call in calls(path):
+        if name.rpartition(".")[2] in PARTS:
+            yield from _texts_in(*call.args, *call.keywords)
+
+
+def _texts_in(*nodes: ast.AST) -> Iterator[str]:
+    for node in nodes:
+        if isinstance(node, ast.JoinedStr):
+            texts = [each.value for each in node.values if isinstance(each, ast.Constant)]
+            yield from [ast.unparse(node)] * any(map(has_words, map(str, texts)))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
+        elif isinstance(node, ast.Subscript):
+            yield from _texts_in(node.value)
+        elif isinstance(node, ast.keyword) and node.arg in ("style", "logarithmic"):
+            continue
+        elif not (isinstance(node, ast.Call) and ast.unparse(node.func) == "Message"):
+            yield from _texts_in(*ast.iter_child_nodes(node))
+
+
+def test_every_text_of_a_result_page_is_in_chinese() -> None:
+    lacking = {
+        text: path
+        for path in trees()
+        if path.startswith(("campaign/", "operations/", "reports/", "papers/mechanics"))
+        and path not in ENGLISH_PAGES
+        for text in page_texts(path)
+        if has_words(text) and text not in templates("zh")
     }
     assert lacking == {}
 

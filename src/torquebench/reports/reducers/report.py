@@ -16,6 +16,7 @@ from torquebench.campaign.reducers.results import (
     ReducerTestOutcome,
     ReducerTestRecord,
 )
+from torquebench.message import Message
 from torquebench.reducers import EfficiencyMap, NoLoadPoint, NoLoadResult
 from torquebench.reducers.preparation import grouped
 from torquebench.reports.page import Drawings, Facts, Page, Section, Table
@@ -35,11 +36,15 @@ def reducer_page(record: ReducerTestRecord) -> Page:
     Page
         Ready for `torquebench.reports.page.write_page`.
     """
-    specimen = f", specimen {record.serial}" if record.serial else ""
     kind = "Short reducer test" if record.short else "Reducer test"
+    title = Message("{kind}: {reducer}", kind, record.reducer_name)
+    if record.serial:
+        title = Message("{title}, specimen {serial}", title, record.serial)
     return Page(
-        title=f"{kind}: {record.reducer_name}{specimen}",
-        subtitle=f"{record.bench_name} · {record.started:%Y-%m-%d %H:%M} UTC",
+        title=title,
+        subtitle=Message(
+            "{bench} · {moment:%Y-%m-%d %H:%M} UTC", record.bench_name, record.started
+        ),
         sections=[
             _summary(record),
             *(_failure(each) for each in record.failures),
@@ -61,7 +66,7 @@ def _summary(record: ReducerTestRecord) -> Section:
             ("Specimen", record.serial or "no serial number"),
             ("Bench", record.bench_name),
             ("Operator", record.operator),
-            ("Duration", f"{record.bench_seconds:.0f} s of bench time"),
+            ("Duration", Message("{seconds:.0f} s of bench time", record.bench_seconds)),
             ("Software", f"torquebench {record.software_version}"),
             *mounting_facts(
                 MountingRecord.of_run(record.outcomes[-1].run.metadata) if record.outcomes else None
@@ -104,7 +109,7 @@ def _verdict(record: ReducerTestRecord) -> str:
 
 def _failure(failure: ReducerTestFailure) -> Section:
     what = Facts((("Failure", failure.message),))
-    return Section(f"{failure.title}: no result", "", (what,))
+    return Section(Message("{title}: no result", failure.title), "", (what,))
 
 
 def _section(outcome: ReducerTestOutcome) -> Section:

@@ -37,14 +37,17 @@ def friction_check_table(check: FrictionCheck) -> Table:
             "rpm",
             "known, N·m",
             "U, N·m",
-            *(f"run {k + 1}, N·m" for k in range(repeats)),
+            *(Message("repeat {number}, N·m", k + 1) for k in range(repeats)),
             "error, N·m",
             "% FS",
             "repeatability, % FS",
         ),
         rows,
-        "Mean over rising and falling speed of each repeat; repeatability is largest minus "
-        f"smallest of the repeats; full scale {check.range_nm:g} N·m.",
+        Message(
+            "Mean over rising and falling speed of each repeat; repeatability is largest minus "
+            "smallest of the repeats; full scale {range_nm:g} N·m.",
+            check.range_nm,
+        ),
     )
 
 
@@ -63,8 +66,9 @@ def friction_diagram(check: FrictionCheck) -> Diagram:
                 for p in check.points if len(p.measured_nm) > k]  # fmt: skip
         rpm, torque, certified = np.array(rows).T
         marker = _MARKERS[k % len(_MARKERS)]
-        friction.append(Curve(f"run {k + 1}", rpm, torque, style=marker))
-        errors.append(Curve(f"run {k + 1}", rpm, torque - certified, style=marker))
+        name = Message("repeat {number}", k + 1)
+        friction.append(Curve(name, rpm, torque, style=marker))
+        errors.append(Curve(name, rpm, torque - certified, style=marker))
     limit = check.tolerance_percent / 100.0 * check.range_nm
     panels = [
         Panel(friction, "input speed in rpm", "no-load torque in N·m", title="friction"),
@@ -107,22 +111,23 @@ def standard_reducer_page(
         Run with the raw data.
     simulated : bool
     """
-    limit = f"{check.tolerance_percent:g} % FS"
+
+    def judged(percent: float, kept: bool) -> Message:
+        return Message(
+            "{value} % FS: within {limit:g} % FS"
+            if kept
+            else "{value} % FS: out of {limit:g} % FS",
+            number(percent),
+            check.tolerance_percent,
+        )
+
     facts = Facts(
         (
             ("Standard reducer", name),
             ("Certificate", certificate or "not stated"),
             ("Input module", compensation),
-            (
-                "Error",
-                f"{number(check.error_percent)} % FS: "
-                f"{'within' if check.error_kept else 'out of'} {limit}",
-            ),
-            (
-                "Repeatability",
-                f"{number(check.repeatability_percent)} % FS: "
-                f"{'within' if check.repeatability_kept else 'out of'} {limit}",
-            ),
+            ("Error", judged(check.error_percent, check.error_kept)),
+            ("Repeatability", judged(check.repeatability_percent, check.repeatability_kept)),
             ("Record", run_id),
         )
     )
