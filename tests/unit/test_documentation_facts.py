@@ -17,7 +17,7 @@ from torquebench.campaign.reducers import sampling
 from torquebench.campaign.reducers.uncertainty import UNCOMPENSATED_SHARE
 from torquebench.cli import whole_command
 from torquebench.dynamics.design import GAIN_OF_BANDWIDTH
-from torquebench.panel import connections, run_in_process, turns
+from torquebench.panel import connections, run_in_process
 from torquebench.panel.api import security, stream
 from torquebench.panel.service import files
 from torquebench.panel.service.access import lease, login_throttle, sessions
@@ -175,12 +175,9 @@ FIGURES = {
         "Documents deeper than twelve levels",
         f"Limits for a request are {connections.HEAD_S:.0f} s and "
         f"{connections.LARGEST_HEAD // KIB} KiB for its head, and {security.BODY_S:.0f} s for its",
-        f"At most {connections.MOST_CONNECTIONS} connections are open, "
-        f"{connections.MOST_OF_ONE} of one address",
+        f"At most {connections.MOST_CONNECTIONS} connections are open",
         f"{connections.FOR_STOPS} further connections are accepted for stopping",
         f"reads nothing for {stream.SLOWEST_S:.0f} s",
-        f"{turns.A_SECOND:.0f} per second in all after the first {turns.AT_ONCE:.0f}; one address "
-        f"may have {turns.MOST_WAITING} waiting",
     ),
     "explanation/safety.md": (
         f"changes by {channels.MOVED_SHARE:.0%} of its".replace("%", " %"),

@@ -8,7 +8,7 @@ from typing import Any
 
 from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
-__all__ = ["MOST_CONNECTIONS", "MOST_OF_ONE", "PatientProtocol"]
+__all__ = ["MOST_CONNECTIONS", "PatientProtocol"]
 
 HEAD_S = 30.0
 """Longest time to receive a request's head, s. Browsers use a connection that they opened in
@@ -21,12 +21,7 @@ LARGEST_HEAD = 64 * 1024
 """Longest head of a request, bytes; the parser itself has no limit."""
 MOST_CONNECTIONS = 300
 """Largest number of connections, because the bench's files also need descriptors. Another one
-replaces the longest idle connection of the address with most connections, so that a stop always
-gets through.
-"""
-MOST_OF_ONE = 200
-"""Largest number of connections of an address other than the trusted proxy's; another one replaces
-the longest idle one of the same address.
+replaces the longest idle one, so that a stop always gets through.
 """
 FOR_STOPS = 50
 """Additional connections if none is idle; they may only stop the bench."""
@@ -51,13 +46,8 @@ class PatientProtocol(_Base):
         """Accept a connection; if there are too many, close an idle one or allow only a stop."""
         super().connection_made(transport)
         self._idle_since = next(_TURNS)
-        full = len(self.connections) > MOST_CONNECTIONS
-        crowded = (
-            self._address != self.config.forwarded_allow_ips
-            and sum(_address(each) == self._address for each in self.connections) > MOST_OF_ONE
-        )
-        if full or crowded:
-            gone = self._dispensed(None if full else self._address)
+        if len(self.connections) > MOST_CONNECTIONS:
+            gone = self._dispensed()
             if gone is None and len(self.connections) > MOST_CONNECTIONS + FOR_STOPS:
                 transport.abort()
                 return
@@ -65,21 +55,13 @@ class PatientProtocol(_Base):
                 self._begin = b""
         self._wait()
 
-    @property
-    def _address(self) -> str:
-        return _address(self)
-
-    def _dispensed(self, address: str | None) -> PatientProtocol | None:
-        """Close the longest idle connection of an address, or of the address with most."""
-        idle: dict[str, list[PatientProtocol]] = {}
-        for each in self.connections:
-            if isinstance(each, PatientProtocol) and each is not self and each._dispensable:
-                idle.setdefault(each._address, []).append(each)
-        if not idle or (address is not None and address not in idle):
-            return None
-        crowd = max(idle.values(), key=len) if address is None else idle[address]
-        gone = min(crowd, key=lambda each: each._idle_since)
-        gone.transport.abort()
+    def _dispensed(self) -> PatientProtocol | None:
+        """Close the longest idle connection, if there is one."""
+        others = (each for each in self.connections if isinstance(each, PatientProtocol))
+        idle = [each for each in others if each is not self and each._dispensable]
+        gone = min(idle, key=lambda each: each._idle_since, default=None)
+        if gone is not None:
+            gone.transport.abort()
         return gone
 
     @property
@@ -148,9 +130,3 @@ class PatientProtocol(_Base):
     @property
     def _answering(self) -> bool:
         return self.cycle is not None and not self.cycle.response_complete
-
-
-def _address(protocol: Any) -> str:
-    """Return the address of a connection of any kind."""
-    client = getattr(protocol, "client", None)
-    return str(client[0]) if client else ""

@@ -29,7 +29,6 @@ from torquebench.panel.pages import PAGES, register_pages
 from torquebench.panel.pages.sockets import PageSockets
 from torquebench.panel.service import BenchService
 from torquebench.panel.stopping import StopFirst
-from torquebench.panel.turns import Turns
 
 __all__ = ["create_app", "listen", "serve", "serve_application", "storage_secret"]
 
@@ -120,7 +119,7 @@ def serve(
     loops = uvicorn.Config(app="").get_loop_factory()
     with listening, EventLoopBridge(create_app(service, address), loops) as behind:
         guarded = Guard(
-            StopFirst(Turns(behind, service), service),
+            StopFirst(behind, service),
             address.hosts,
             secure=address.secure,
             compiled={page.path for page in PAGES.values()},

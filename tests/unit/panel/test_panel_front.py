@@ -299,28 +299,6 @@ def test_a_stop_gets_in_where_every_connection_is_in_use(
     acknowledged(service)
 
 
-def test_one_address_takes_no_more_than_its_share(
-    url: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(connections, "MOST_OF_ONE", 3)
-    port = httpx.URL(url).port
-    with contextlib.ExitStack() as held, httpx.Client(base_url=url, timeout=200.0) as other:
-        assert other.get("/hello").status_code == 200
-        greedy = [
-            held.enter_context(
-                socket.create_connection(("127.0.0.1", port), source_address=("127.0.0.2", 0))
-            )
-            for _ in range(10)
-        ]
-        for each in greedy[:7]:  # its own oldest ones had to go
-            each.settimeout(200.0)
-            with contextlib.suppress(ConnectionError):
-                assert each.recv(1) == b""
-        greedy[-1].sendall(b"GET /hello HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
-        assert answered(greedy[-1]).startswith(b"HTTP/1.1 200")
-        assert other.get("/hello").status_code == 200
-
-
 def test_connections_that_are_answered_are_not_closed_for_others(
     url: str, behind: Behind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
