@@ -546,13 +546,14 @@ class Acquisition:
 
     def angle_rad(self, side: Side) -> float:
         """Newest angle of a side, rad, unwrapped. Raises SignalFault for a silent encoder."""
-        angle = self.latest_block.angle(side)
+        count_rad, angle = self._count_rad(side), self.latest_block.angle(side)
         if angle is None or not len(angle):
             raise _silent_encoder(side)
-        return float(angle["angle_counts"][-1]) * self._count_rad(side)
+        return float(angle["angle_counts"][-1]) * count_rad
 
     def speed_rad_s(self, side: Side) -> float:
         """Mean speed of a side over the newest block, rad/s; raises errors like `angle_rad`."""
+        self._description.needed_encoder(side)
         speed = self.latest_block.speed_rad_s(side)
         if math.isnan(speed):
             raise _silent_encoder(side)
@@ -560,10 +561,10 @@ class Acquisition:
 
     def mean_speed_rad_s(self, side: Side, start_s: float, stop_s: float) -> float:
         """Mean speed of a side over a window of bench time, rad/s; errors as in `angle_rad`."""
+        per_revolution = self._description.needed_encoder(side).counts_per_revolution
         angle = self._evaluator.angles[side].window(start_s, stop_s)
         if angle is None or len(angle) < 2:
             raise _silent_encoder(side)
-        per_revolution = self._description.module(side).encoder.counts_per_revolution
         return mean_speed(angle, per_revolution)
 
     def angles(self, side: Side, start_s: float, stop_s: float) -> Record:
@@ -575,7 +576,7 @@ class Acquisition:
         return Record({"time_s": angle.time_s, "angle_rad": angle_rad})
 
     def _count_rad(self, side: Side) -> float:
-        return TURN / self._description.module(side).encoder.counts_per_revolution
+        return TURN / self._description.needed_encoder(side).counts_per_revolution
 
     def temperature_c(self, probe: str) -> float:
         """Newest temperature of a probe, °C. Raises SignalFault for a silent one."""

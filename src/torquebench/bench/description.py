@@ -289,6 +289,9 @@ class LimitsDescription(_Section):
 class ModuleDescription(_Section):
     """One module: range, transducer, drive, encoder, limits and the transducer's probe.
 
+    A module without `encoder` is loaded at rest only: its speed and angle aren't monitored, its
+    drive takes no speed, and what needs an angle refuses it.
+
     `flange_inertia_kgm2` is the moment of inertia of the rotating parts between the transducer's
     measuring section and the reducer, with its expanded uncertainty (k = 2) as a share: the torque
     that accelerates it is subtracted. Unknown if it isn't given. `motor_inertia_kgm2` is that of
@@ -300,7 +303,7 @@ class ModuleDescription(_Section):
     range_nm: Torque
     transducer: TransducerDescription
     drive: DriveDescription
-    encoder: EncoderDescription
+    encoder: EncoderDescription | None = None
     limits: LimitsDescription
     temperature_probe: Text
     flange_inertia_kgm2: Annotated[float, Field(gt=0, le=1e4, description="kg·m²")] | None = None
@@ -592,6 +595,23 @@ class BenchDescription(_Section):
         """Return the description of a side's module."""
         return self.input if side == "input" else self.output
 
+    def needed_encoder(self, side: Side) -> EncoderDescription:
+        """Return a module's encoder.
+
+        Raises
+        ------
+        InputError
+            The module has none.
+        """
+        encoder = self.module(side).encoder
+        if encoder is None:
+            raise InputError(
+                Message("{bench}: the {side} module has no encoder", self.name, side),
+                "an encoder, because this needs angle and speed",
+                Message("describe it in [{side}.encoder], or do only what is done at rest", side),
+            )
+        return encoder
+
     def unloaded_nm(self, side: Side) -> float:
         """Return the largest torque at which a side counts as unloaded, N·m."""
         return self.safety.unloaded_percent / 100.0 * self.module(side).range_nm
@@ -612,7 +632,7 @@ class BenchDescription(_Section):
                 changed[name] = standard.model_copy(update={"certificate": path})
         for side in SIDES:
             module = self.module(side)
-            if module.encoder.certificate is not None:
+            if module.encoder is not None and module.encoder.certificate is not None:
                 path = str((folder / module.encoder.certificate).resolve())
                 encoder = module.encoder.model_copy(update={"certificate": path})
                 changed[side] = module.model_copy(update={"encoder": encoder})
@@ -652,7 +672,8 @@ class BenchDescription(_Section):
             module: ModuleDescription = getattr(self, side)
             serials_by_role[f"{side}.transducer"] = module.transducer.serial
             serials_by_role[f"{side}.drive"] = module.drive.serial
-            serials_by_role[f"{side}.encoder"] = module.encoder.serial
+            if module.encoder is not None:
+                serials_by_role[f"{side}.encoder"] = module.encoder.serial
         for name in ("calibrator", "verification_standard"):
             standard: StandardDescription = getattr(self, name)
             serials_by_role[name] = standard.serial

@@ -39,13 +39,15 @@ class BlockEvaluator:
         """Encoder counts of the last two minutes."""
         self._accelerations = {side: EncoderAcceleration() for side in SIDES}
         self._per_revolution = {
-            side: description.module(side).encoder.counts_per_revolution for side in SIDES
+            side: encoder.counts_per_revolution
+            for side in SIDES
+            if (encoder := description.module(side).encoder) is not None
         }
 
     def evaluate(self, measured: Block, channels: Sequence[Channel]) -> Block:
         """Return a block with the readings of these channels and the conditions."""
         records: dict[str, Record] = {
-            name: measured.records[name] for name in map(angle_channel, SIDES)
+            name: measured.records[name] for name in map(angle_channel, self._per_revolution)
             if name in measured.records
         }  # fmt: skip
         readout = self._drivers.reference
@@ -68,7 +70,7 @@ class BlockEvaluator:
         values: dict[str, float] = {"time_s": block.stop_s}
         for side in SIDES:
             angle, speed, acceleration = block.angle(side), np.nan, UNKNOWN
-            if angle is not None:
+            if angle is not None and side in self._per_revolution:
                 self.angles[side].append(angle)
                 if len(angle) >= 2:  # a silent encoder doesn't mean standstill
                     speed = mean_speed(angle, self._per_revolution[side])
@@ -133,7 +135,7 @@ class BlockEvaluator:
         """Compensate windows with the conditions at the end of each window's block."""
         module, conditions = self._description.module(side), block.records[CONDITIONS]
         angle_rad: FloatArray | None = None
-        if active.needs_angle and module.encoder.absolute:
+        if active.needs_angle and module.encoder is not None and module.encoder.absolute:
             angle_rad = self._angles(side, record.time_s - module.transducer.group_delay_s)
         if len(conditions) > 1:
             row = conditions.time_s.searchsorted(record.time_s).clip(max=len(conditions) - 1)

@@ -262,8 +262,10 @@ def _side(bench: NewBench, side: Side) -> Iterator[str]:
         yield _line(
             f"gear_ratio = {values.gear_ratio:g}", "turns of the motor per turn of the shaft"
         )
-    yield from ("", f"[{side}.encoder]", f'serial = "E-{side}-1"')
-    yield from (f"counts_per_revolution = {values.counts}", "", f"[{side}.limits]")
+    if bench.angles != "none":
+        yield from ("", f"[{side}.encoder]", f'serial = "E-{side}-1"')
+        yield f"counts_per_revolution = {values.counts}"
+    yield from ("", f"[{side}.limits]")
     yield f"torque_nm = {1.2 * values.range_nm:g}"
     yield from (f"speed_rpm = {values.speed_rpm:g}", "")
 
@@ -302,7 +304,7 @@ def _instruments(bench: NewBench) -> Iterator[str]:
         ("temperature", bench.temperature, "temperature", None),
     ]
     for key, protocol, role, side in roles:
-        if protocol == "counter":
+        if protocol in ("counter", "none"):
             continue
         template = _sections()[protocol]
         section = template.get(role) or template["modes"]

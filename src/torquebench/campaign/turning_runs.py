@@ -308,7 +308,7 @@ def _write(target: Path, table: EmptyTable, station: Station, profile: TurningPr
         "zero_uncertainty_nm": repr(table.zero_uncertainty_nm),
         "zero_nm": f"{scale.torque(table.zero):.9g}",
     }
-    absolute = station.description.module(table.side).encoder.absolute
+    absolute = station.description.needed_encoder(table.side).absolute
     by_angle = absolute and bool(np.isfinite(table.rows[:, -1]).all())
     rows = [
         f"{time_s:.6f},{reading_nm:.7g},{speed_rpm:.7g},{temperature_c:.6g}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Annotated
@@ -193,10 +194,12 @@ class MeasuredInterval:
 
     def line(self) -> str:
         """Return a line of at most 80 columns; speed and acceleration are those of the input."""
+        turning = f"{self.speed_rpm:7.1f} rpm {self.acceleration_rpm_s:+5.0f}/s "
+        if math.isnan(self.speed_rpm):  # without an encoder
+            turning = ""
         return (
             f"{self.time_s:6.1f} s in {self.input.text(7, 3)} out {self.output.text(8, 2)}"
-            f" N·m {self.speed_rpm:7.1f} rpm {self.acceleration_rpm_s:+5.0f}/s "
-            f"{self.temperature_c:.1f} °C"
+            f" N·m {turning}{self.temperature_c:.1f} °C"
         )
 
 

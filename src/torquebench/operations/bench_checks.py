@@ -314,6 +314,9 @@ def _encoders(station: Station) -> Iterator[Finding]:
 
     for side in SIDES:
         what = Message("{side} encoder", side)
+        if station.description.module(side).encoder is None:
+            yield Finding(what, "note", "none: the module is loaded at rest only")
+            continue
         try:
             speed_rad_s = station.acquisition.speed_rad_s(side)
             degrees = station.acquisition.angle_rad(side) * DEG_PER_RAD

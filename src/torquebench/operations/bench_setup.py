@@ -39,6 +39,7 @@ _ROLE_TITLES = {
     "modbus": "Modbus",
     "counter": "at the counter",
     "drives": "the drives' own",
+    "none": "none",
 }
 
 
@@ -80,8 +81,8 @@ class NewDescription(Request):
         _instrument("Read-out of the calibrator's transducers.", "Calibrator"),
     ] = "counter"
     angles: Annotated[
-        Literal["counter", "drives", "modbus", "ads", "s7"],
-        _instrument("Where the encoders are read.", "Encoders"),
+        Literal["counter", "drives", "modbus", "ads", "s7", "none"],
+        _instrument("Where the encoders are read; none for torque at rest only.", "Encoders"),
     ] = "drives"
     fixture: Annotated[
         Literal["modbus", "ads", "s7"],

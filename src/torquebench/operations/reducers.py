@@ -332,9 +332,16 @@ def _mounted(place: Place, name: str | None) -> reducers.ReducerDescription:
     return reducer
 
 
+def _check_encoders(place: Place) -> None:
+    """Refuse a test on a bench without both encoders: every test of a reducer turns it."""
+    for side in SIDES:
+        place.station.description.needed_encoder(side)
+
+
 def check_test(place: Place, request: ReducerTestRequest) -> Iterable[str]:
     """Raise an error for impossible tests."""
     _settings(request)
+    _check_encoders(place)
     _mounted(place, request.reducer)
     return ()
 
@@ -536,7 +543,8 @@ def _standard(place: Place, request: StandardReducerRequest) -> campaign.Standar
 
 
 def check_standard(place: Place, request: StandardReducerRequest) -> Iterable[str]:
-    """Raise an error if the reducer has no certificate."""
+    """Raise an error if the reducer has no certificate, or a module no encoder."""
+    _check_encoders(place)
     _standard(place, request)
     return ()
 

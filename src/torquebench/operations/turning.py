@@ -89,6 +89,8 @@ def check_turn(place: Place, request: TurnRequest) -> Iterable[str]:
     from torquebench.campaign.turning_runs import read_begun
 
     chosen = _profile(place, request)
+    if chosen.kind != "dynamics":  # steps of torque, at rest
+        place.station.description.needed_encoder(request.side)
     if request.resume:
         if request.out is None:
             raise InputError("--resume without --out", "the table of the interrupted run")

@@ -94,10 +94,9 @@ def _rail(described: GuideRailDescription | None, *, moved: bool) -> str:
 
 
 def _module(described: ModuleDescription) -> str:
-    return (
-        f"transducer ±{described.range_nm:g} N·m, drive, encoder of "
-        f"{described.encoder.counts_per_revolution} counts, free / driven / locked"
-    )
+    encoder = described.encoder
+    turns = f"encoder of {encoder.counts_per_revolution} counts" if encoder else "no encoder"
+    return f"transducer ±{described.range_nm:g} N·m, drive, {turns}, free / driven / locked"
 
 
 def write_rows(path: Path, rows: Iterable[Iterable[object]]) -> Path:

@@ -111,7 +111,7 @@ def calibration_of_rows(
         counter_identity=devices.context.drivers.counter.clock_identity,
         nominal_nm=np.array(nominal_nm),
         position_deg=position_deg,
-        speed_rpm=column("speed_rpm"),
+        speed_rpm=None if module.encoder is None else column("speed_rpm"),
         temperature_c=column("temperature_c"),
         time_s=column("time_s"),
         zero_nm=optional("zero_nm"),

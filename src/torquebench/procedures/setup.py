@@ -184,6 +184,8 @@ def run_down(devices: BenchDevices) -> Plan[None]:
     for _ in range(round(RUN_DOWN_S / REST_S)):
         stand = True
         for module in (devices.input, devices.output):
+            if devices.context.description.module(module.side).encoder is None:
+                continue
             reading = yield Msg("read", module.encoder)
             if reading:  # a rehearsal reads nothing
                 speed = float(reading[f"{module.encoder.name}-speed_rad_s"]["value"])

@@ -53,8 +53,9 @@ def _parts(description: BenchDescription) -> dict[str, Equipment]:
             },
         )
         parts[f"{side}.drive"] = Equipment("drive", drive.serial, model=drive.model)
-        counts = {"counts_per_revolution": encoder.counts_per_revolution}
-        parts[f"{side}.encoder"] = Equipment("encoder", encoder.serial, details=counts)
+        if encoder is not None:
+            counts = {"counts_per_revolution": encoder.counts_per_revolution}
+            parts[f"{side}.encoder"] = Equipment("encoder", encoder.serial, details=counts)
     counter = description.counter
     timebase = {"timebase_hz": counter.timebase_hz}
     parts["counter"] = Equipment("counter", counter.identity, details=timebase)

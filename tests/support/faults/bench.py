@@ -241,7 +241,7 @@ def _set(name: str, value: object) -> Callable[..., None]:
 def _slip(faulty: FaultyBench, side: Side, draw: np.random.Generator) -> None:
     counts = (
         float(draw.uniform(0.5, 1.0))
-        * faulty.bench.description.module(side).encoder.counts_per_revolution
+        * faulty.bench.description.needed_encoder(side).counts_per_revolution
     )
     faulty.bench.twin.inject_fault(side, "encoder_slip", duration_s=3.0, amount=counts)
 

@@ -105,7 +105,7 @@ def encoder_certificates(
     """Return the encoders' certificates, from the description's files, else from the drivers."""
     certificates = dict(brought)
     for side in SIDES:
-        path = description.module(side).encoder.certificate
-        if path is not None:
-            certificates[side] = read_encoder_certificate(path)
+        encoder = description.module(side).encoder
+        if encoder is not None and encoder.certificate is not None:
+            certificates[side] = read_encoder_certificate(encoder.certificate)
     return certificates

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -211,7 +212,9 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         reading = self._steady(torque_channel(side), start_s, stop_s)
         zero = acquisition.zero(torque_channel(side))
         commands = context.commands.side(side)
-        speed_rpm = acquisition.mean_speed_rad_s(side, start_s, stop_s) * RPM_PER_RAD_S
+        speed_rad_s = math.nan
+        if module.encoder is not None:
+            speed_rad_s = acquisition.mean_speed_rad_s(side, start_s, stop_s)
         temperature_c = acquisition.temperature_c(module.temperature_probe)
         values: dict[str, float | int | bool] = {
             "reading_nm": reading.steady.value,
@@ -222,7 +225,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
             "settled": reading.steady.settled,
             "samples": reading.steady.samples,
             "commanded_nm": commands.torque_nm,
-            "speed_rpm": speed_rpm,
+            "speed_rpm": speed_rad_s * RPM_PER_RAD_S,
             "temperature_c": temperature_c,
             "time_s": (start_s + stop_s) / 2.0,
         }

@@ -169,7 +169,9 @@ class DaqmxCounter(LibraryCounter):
         self._constants = require_library("nidaqmx.constants", "nidaqmx")
         self._readers = require_library("nidaqmx.stream_readers", "nidaqmx")
         self._per_revolution = {
-            side: description.module(side).encoder.counts_per_revolution for side in SIDES
+            side: description.needed_encoder(side).counts_per_revolution
+            for side in SIDES
+            if side in options.encoders
         }
         self._tasks: dict[str, Any] = {}
         self._reader: dict[str, Any] = {}

@@ -122,6 +122,11 @@ class SignalJudge:
         readout: ReferenceReadout | None = None,
     ) -> None:
         self._description = description
+        self._per_turn = {
+            side: encoder.counts_per_revolution
+            for side in SIDES
+            if (encoder := description.module(side).encoder) is not None
+        }
         self._readout = readout
         self._limits = limits
         self._commands = commands
@@ -177,7 +182,7 @@ class SignalJudge:
                 self._check_edges(channel, edges, measured.stop_s)
         for side in SIDES:
             angle = measured.angle(side)
-            if angle is not None and len(angle):
+            if angle is not None and len(angle) and side in self._per_turn:
                 self._turn(side, angle)
         return self._result()
 
@@ -214,7 +219,7 @@ class SignalJudge:
     def _turn(self, side: Side, angle: Record) -> None:
         """Check the angle of a shaft since the last sample of its encoder."""
         shaft = self._memory.shafts[side]
-        per_turn = self._description.module(side).encoder.counts_per_revolution
+        per_turn = self._per_turn[side]
         time_s, counts = angle.time_s, angle["angle_counts"]
         last_s, turns = float(time_s[-1]), float(counts[-1]) / per_turn
         before = shaft.turns
@@ -276,7 +281,7 @@ class SignalJudge:
     def _slipped(self, side: Side, angle: Record) -> None:
         """Check a polled encoder since its last sample before the block: it may slip between."""
         shaft = self._memory.shafts[side]
-        per_turn = self._description.module(side).encoder.counts_per_revolution
+        per_turn = self._per_turn[side]
         first, last = (
             (float(angle.time_s[k]), float(angle["angle_counts"][k]) / per_turn) for k in (0, -1)
         )
@@ -329,7 +334,7 @@ class SignalJudge:
         """Check that encoders and probes deliver samples."""
         for side in SIDES:
             probe = self._description.module(side).temperature_probe
-            if math.isnan(block.speed_rad_s(side)):
+            if side in self._per_turn and math.isnan(block.speed_rad_s(side)):
                 self._no_sample(Message("{side} encoder", side))
             if math.isnan(block.temperature_c(probe)):
                 self._no_sample(Message("probe {probe}", probe))

@@ -76,7 +76,7 @@ def bench_remarks(bench: Bench, compensated: dict[Side, bool], sides: Sequence[S
 
 def resolution_rad(bench: Bench, side: Side) -> float:
     """Return the angle of one count of an encoder."""
-    return TURN / bench.description.module(side).encoder.counts_per_revolution
+    return TURN / bench.description.needed_encoder(side).counts_per_revolution
 
 
 def temperature_remarks(temperature_c: float) -> list[str]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from torquebench.bench.certificates.encoder import EncoderCertificate, encoder_certificates
 from torquebench.bench.devices import BenchDevices
-from torquebench.bench.roles import Side
+from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.procedures.guarding import turning_limits
@@ -173,8 +173,7 @@ def transmission_error(
         revolutions=settings.revolutions,
         temperature_c=float(np.mean(temperature)),
         counts_per_revolution={
-            "input": description.input.encoder.counts_per_revolution,
-            "output": description.output.encoder.counts_per_revolution,
+            side: description.needed_encoder(side).counts_per_revolution for side in SIDES
         },
         certified_rad={
             side: certificate.standard_uncertainty_rad for side, certificate in certificates.items()

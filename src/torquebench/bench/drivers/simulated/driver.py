@@ -230,7 +230,10 @@ class SimulatedBench:
         parameters = self.options.parameters()
         for side in SIDES:
             own = parameters.input if side == "input" else parameters.output
-            stated = self.description.module(side).encoder.counts_per_revolution
+            encoder = self.description.module(side).encoder
+            if encoder is None:
+                continue
+            stated = encoder.counts_per_revolution
             if stated != own.encoder.counts_per_revolution:
                 raise InputError(
                     Message("{key}: {counts} counts per revolution", f"{side}.encoder", stated),

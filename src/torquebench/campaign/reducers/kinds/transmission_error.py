@@ -39,7 +39,7 @@ def _encoder_rad(bench: Bench, side: Side, certified_rad: float | None) -> float
     """
     if certified_rad is not None:
         return float(np.hypot(resolution_rad(bench, side) / np.sqrt(12.0), certified_rad))
-    accuracy = (bench.description.module(side).encoder.accuracy_arcsec or 0.0) * ARCSEC
+    accuracy = (bench.description.needed_encoder(side).accuracy_arcsec or 0.0) * ARCSEC
     return float(np.hypot(resolution_rad(bench, side) / np.sqrt(12.0), accuracy / np.sqrt(2.0)))
 
 
@@ -65,7 +65,7 @@ def _evaluate(
             side,
         )
         for side in SIDES
-        if bench.description.module(side).encoder.accuracy_arcsec is None and side not in certified
+        if bench.description.needed_encoder(side).accuracy_arcsec is None and side not in certified
     ]
     remarks += [
         Message("the {side} encoder is corrected by its certificate", side) for side in certified

@@ -236,7 +236,7 @@ class LiveHub:
             put(f"{side}_speed_rpm", block.speed_rad_s(side) * RPM_PER_RAD_S)
             put(f"{side}_acceleration_rad_s2", block.condition(f"{side}_acceleration_rad_s2"))
             angle, module = block.angle(side), self._description.module(side)
-            if angle is not None and len(angle):
+            if angle is not None and len(angle) and module.encoder is not None:
                 turns = float(angle["angle_counts"][-1]) / module.encoder.counts_per_revolution
                 put(f"{side}_angle_deg", DEG_PER_TURN * turns)
             put(f"{side}_temperature_c", block.temperature_c(module.temperature_probe))
