@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
 from typing import Any
 
 from nicegui import ui
@@ -177,7 +178,7 @@ class OperationForm:
             hint=hint,
             options=options,
             on_change=lambda _: self._changed(),
-            autocomplete="off",
+            autocomplete=None if asked.kind == "day" else "off",
             inputmode="decimal" if asked.kind in ("number", "whole") else None,
         )
         self._fields[key] = field
@@ -215,7 +216,7 @@ class OperationForm:
             return ", ".join(f"{name}={shown(part)}" for name, part in (value or {}).items())
         if asked.several:
             return ", ".join(map(str, value or ()))
-        return shown(value)
+        return str(value) if isinstance(value, Path) else shown(value)
 
     def _changed(self) -> None:
         """After a pause in typing, check the fields and report the change."""

@@ -1,0 +1,88 @@
+"""Every page of the panel: accessible, as wide as its screen, without a failing part."""
+
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.system.command_line import COMMAND, environment
+from tests.system.panel_browser import SLOW, Panel, Visitor, browser, running_panel
+
+from torquebench.operations import OPERATIONS
+from torquebench.panel.pages import PAGES
+
+pytestmark = [SLOW, pytest.mark.nightly]
+PARTS = {
+    "/": ("?view=xy", "?view=digits"),
+    "/records": ("?part=calibrations&with=1", "?part=drift", "?part=certificates"),
+    "/settings": tuple(
+        f"?part={part}" for part in ("profiles", "reducers", "users", "tokens", "log", "history")
+    ),
+    "/setup": tuple(f"?part={part}" for part in ("bench", "instruments", "laboratory", "people")),
+    "/calibrations/1": tuple(
+        f"?step={step}" for step in ("models", "verify", "sign", "certificate")
+    ),
+}
+"""Parts of pages with an address of their own."""
+SETTLED = """
+const [done] = arguments;
+const busy = () => document.querySelector('.page p[role=status]');
+const look = (left) => (busy() && left ? setTimeout(look, 100, left - 1) : setTimeout(done, 200));
+look(100);
+"""
+
+
+@pytest.fixture(scope="module")
+def panel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Panel]:
+    folder: Path = tmp_path_factory.mktemp("panel")
+    for command in (["calibrate", "output", "--step", "20"], ["zero"]):
+        subprocess.run(
+            [COMMAND, *command, "--data", "data"],
+            cwd=folder, env=environment(), check=True, capture_output=True,
+        )  # fmt: skip
+    with running_panel(folder, "--fast") as panel:
+        yield panel
+
+
+@pytest.fixture(scope="module")
+def person(panel: Panel, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Visitor]:
+    with browser(panel, tmp_path_factory.mktemp("browser")) as visitor:
+        visitor.sign_in("Admin")
+        yield visitor
+
+
+def addresses(panel: Panel) -> list[str]:
+    """Return the addresses of all pages, parts and operations."""
+    run = next(path.name for path in (panel.folder / "data" / "runs").iterdir() if path.is_dir())
+    values = {"{run_id}": run, "{number}": "1", "{job_id}": "none"}
+    found = ["/sign-in"]
+    for page in PAGES.values():
+        path = page.path
+        if path.endswith("{key}"):
+            found += [f"/operations/{each.key}" for each in OPERATIONS.values() if each.served]
+            continue
+        for name, value in values.items():
+            path = path.replace(name, value)
+        found += [path, *(path + part for part in PARTS.get(path, ()))]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("size", "look", "language"),
+    [((1366, 768), "light", "en"), ((1920, 1080), "dark", "en"), ((390, 844), "dark", "zh")],
+)
+def test_every_page_is_accessible_and_fits_its_screen(
+    person: Visitor, panel: Panel, size: tuple[int, int], look: str, language: str
+) -> None:
+    person.size(*size)
+    for name, value in (("look", look), ("language", language)):
+        person.driver.add_cookie({"name": f"torquebench_{name}", "value": value})
+    wrong = []
+    for address in addresses(panel):
+        person.open(address)
+        person.driver.execute_async_script(SETTLED)
+        width = person.driver.execute_script("return document.documentElement.scrollWidth")
+        wrong += [f"{address}: {each}" for each in (*person.axe(), *person.problems())]
+        wrong += [f"{address}: {width} px wide"] * (width > size[0])
+    assert wrong == []
+    assert "Traceback" not in panel.said, panel.said
