@@ -185,7 +185,7 @@ def _beyond() -> Section:
     return Section(
         "Beyond the papers",
         "Measured by separate benchmarks, which the documentation lists with all figures.",
-        (Table(("subject", "here", "measured by"), [list(row) for row in BEYOND], words=True),),
+        (Table(("subject", "here", "measured with"), [list(row) for row in BEYOND], words=True),),
     )
 
 

@@ -36,7 +36,6 @@ NOT_ON_THE_PANEL = (
     "cli/",
     "client.py",
     "notebook/",
-    "papers/",
     "simulators/",
     "twin/",
 )
