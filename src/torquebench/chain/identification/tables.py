@@ -492,8 +492,8 @@ def _tied(centres: FloatArray, used: Sequence[Block], data: _Data, fit: _Fit) ->
     for number, block in enumerate(used):
         if "bumps over temperature" in block.name and block.group in ("zero", "span"):
             value, _ = fit.function(block.group, at)
-            slope = abs(value[1] - value[0]) / _UNIT / (high - low) * 20.0
-            tied[number] = np.log(max(_BEND * slope, 0.02))
+            over_20_k = abs(value[1] - value[0]) / _UNIT / (high - low) * 20.0
+            tied[number] = np.log(max(_BEND * over_20_k, 0.02))
     return tied
 
 
