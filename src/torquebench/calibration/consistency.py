@@ -604,6 +604,7 @@ class _Search:
         return float(self._priors(*where)[0] + both)
 
     def columns(self, explanations: Sequence[_Explanation]) -> FloatArray:
+        """Return the columns of all explanations, side by side."""
         return np.hstack(
             [
                 np.zeros((self.size, 0)),

@@ -165,6 +165,7 @@ class EfficiencyMap:
         return speeds, torques, 100.0 * share
 
     def _columns(self, points: Sequence[EfficiencyPoint]) -> tuple[Floats, Floats, Floats]:
+        """Return speeds, output torques and input torques of points."""
         rows = [
             (point.speed_rpm, point.torque_nm, point.input_torque_nm(self.ratio))
             for point in points

@@ -215,6 +215,7 @@ class CanopenLink(ObjectLink):
         self._can = require_library("can", "canopen")
 
     def _open(self) -> Any:
+        """Connect to the bus and add the drive's node; the library repeats nothing."""
         if self.reconnects:  # a late answer would reach every reader on the bus
             time.sleep(self.timeout_s)
         network = self._canopen.Network(self._options.bus.open(self.timeout_s))

@@ -189,6 +189,7 @@ class Bus:
         )
 
     def _run(self) -> None:
+        """Exchange process data in cycles while every drive's set points are fed."""
         due_s = time.monotonic()
         while not self._ending.is_set():
             late_s = time.monotonic() - due_s
@@ -251,6 +252,7 @@ class EthercatLink(ObjectLink):
         self._emergency = ""
 
     def _open(self) -> Bus:
+        """Join the adapter's bus, which all drives on it share."""
         options, soem = self._options, self._soem
         try:
             bus = Bus.shared(
@@ -277,6 +279,7 @@ class EthercatLink(ObjectLink):
         soem, canopen = self._soem, require_library("canopen", "ethercat")
 
         def question(bus: Bus) -> Result:
+            """Return the drive's answer to a question; translate the library's errors."""
             try:
                 return ask(bus)
             except soem.SdoError as error:
@@ -369,6 +372,7 @@ class EthercatDrive(Cia402Drive):
 
 
 def _drive(request: InstrumentRequest) -> EthercatDrive:
+    """Open a side's drive, with a time-out that its watchdog allows."""
     assert request.side is not None
     options: EthercatOptions = request.read(EthercatOptions)
     watchdog_s, timeout_s = request.drive_times(options.timeout_s)

@@ -106,6 +106,8 @@ class OdriveLink(Link[Any]):
         raise WireError("no answer")
 
     def _exchange(self, question: Any) -> Any:
+        """Return the node's answer to a question; translate the library's errors."""
+
         def ask(bus: Any) -> Any:
             try:
                 self._empty(bus)
