@@ -102,7 +102,7 @@ def reference_data() -> Callable[[str], Path]:
 @pytest.fixture
 def curve_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fit forms as to few points, without a posterior: most of a fit, where U isn't looked at."""
-    monkeypatch.setattr("torquebench.compensation.discrepancy.FEWEST_POINTS", 1_000_000)
+    monkeypatch.setattr("torquebench.compensation.base.FEWEST_POINTS", 1_000_000)
 
 
 _numbers = itertools.count()
