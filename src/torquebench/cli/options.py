@@ -225,7 +225,7 @@ def check_output(path: Path, *inputs: Path, endings: Sequence[str] = ()) -> Path
             ".st",
             ".onnx",
         }
-        if path.suffix.lower() in known:
+        if path.suffix.lower() in known.difference(endings):
             raise InputError(
                 path.name,
                 Message("a file that ends in {endings}", " or ".join(endings)),
