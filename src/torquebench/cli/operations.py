@@ -139,7 +139,7 @@ def _option(asked: Parameter) -> inspect.Parameter:
     }.get(asked.kind)
     words = asked.help
     stated = re.search(rf"(?<!\w){re.escape(asked.unit)}(?!\w)", words)
-    unit = "" if stated else asked.unit
+    unit = "" if stated else asked.unit.strip()  # a blank says that there is none
     if asked.kind == "choice":
         metavar = f"<{'|'.join(asked.choices)}>"
         if asked.argument:
