@@ -243,6 +243,8 @@ class LiveLayout(BaseModel):
 
     def complete(self, trend: LiveTrend, ratio: float) -> LiveTrend:
         """Return rows with the computed channels of the present view, from the rows' means."""
+        if not self.computed:
+            return trend
         extra = {
             channel.name: np.atleast_1d(
                 computed(channel.formula, channel.unit, trend.values, ratio)
