@@ -9,7 +9,7 @@ r"""Torque displays on serial lines, after the manuals of their kinds.
 import threading
 import time
 from collections.abc import Callable
-from typing import Self
+from typing import Any, Self
 
 from tests.peers.lines import LinePeer
 
@@ -46,8 +46,14 @@ class ScalePeer(LinePeer):
 
     def __enter__(self) -> Self:
         super().__enter__()
-        threading.Thread(target=self._send, daemon=True).start()
+        self._sending = threading.Thread(target=self._send, daemon=True)
+        self._sending.start()
         return self
+
+    def __exit__(self, *ended: Any) -> None:
+        self._ending.set()
+        self._sending.join()
+        super().__exit__(*ended)
 
     def _send(self) -> None:
         while not self._ending.wait(self._period_s):

@@ -34,6 +34,7 @@ class MoteusPeer(LinePeer):
         self.node, self.number = node, number
         self.mode, self.fault_code, self.position = STOPPED, 0, 0.25
         self.follows: Callable[[], float] | None = None  # what turns the shaft instead
+        self.turns = False  # whether the position follows the velocity
         self._looked_s = time.monotonic()
         self.torque_nm = self.velocity = 0.0
         self.torques: list[float] = []
@@ -47,7 +48,7 @@ class MoteusPeer(LinePeer):
     def look(self) -> None:
         passed_s = time.monotonic() - self._looked_s
         self._looked_s += passed_s
-        self.position += self.velocity * passed_s
+        self.position += self.velocity * passed_s if self.turns else 0.0
         if self.follows is not None:
             self.position = self.follows()
         if self.mode == POSITION and time.monotonic() > self._until:

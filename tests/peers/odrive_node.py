@@ -28,7 +28,6 @@ class OdrivePeer(SocketcandPeer):
         self.torque_nm = self.velocity = 0.0
         self.position = 0.25
         self.torques: list[float] = []
-        self.silent = False
         self.lock = threading.RLock()
         self._fed_s = time.monotonic()
         self._ending = threading.Event()
@@ -48,8 +47,7 @@ class OdrivePeer(SocketcandPeer):
             with self.lock:
                 self.look()
                 message = struct.pack("<IBBBx", self.errors, self.state, 0, 0)
-            if not self.silent:
-                self.send(self.node << 5 | 0x01, message)
+            self.send(self.node << 5 | 0x01, message)
 
     @property
     def powered(self) -> bool:
@@ -66,7 +64,7 @@ class OdrivePeer(SocketcandPeer):
         self.state = IDLE
 
     def receive(self, number: int, data: bytes) -> None:
-        if number >> 5 != self.node or self.silent:
+        if number >> 5 != self.node:
             return
         with self.lock:
             self.look()

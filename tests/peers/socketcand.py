@@ -14,6 +14,7 @@ class SocketcandPeer:
     def __init__(self) -> None:
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.port = self._listener.getsockname()[1]
+        self.cut = False  # whether the node is off the bus
         self._writing = threading.Lock()
         self._clients: list[tuple[threading.Thread, socket.socket]] = []
 
@@ -21,6 +22,8 @@ class SocketcandPeer:
         raise NotImplementedError
 
     def send(self, number: int, data: bytes) -> None:
+        if self.cut:
+            return
         frame = f"< frame {number:03X} {time.time():.6f} {data.hex().upper()} >".encode()
         with self._writing:
             for _, client in self._clients:
@@ -68,4 +71,5 @@ class SocketcandPeer:
                         client.sendall(b"< ok >")
                     elif words[0] == "send":
                         frame = bytes(int(word, 16) for word in words[3:])
-                        self.receive(int(words[1], 16), frame)
+                        if not self.cut:
+                            self.receive(int(words[1], 16), frame)

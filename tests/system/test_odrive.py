@@ -108,7 +108,7 @@ def test_a_heartbeat_that_stays_away_is_no_state(peer: OdrivePeer) -> None:
     drive = open_role(described_for(peer, 1.0), "input_drive")
     try:
         assert not drive.state().enabled
-        peer.silent = True
+        peer.cut = True
         time.sleep(0.6)
         with pytest.raises(BenchError, match="no answer"):
             drive.state()
