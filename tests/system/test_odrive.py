@@ -59,8 +59,8 @@ def test_it_is_stepped_to_torque_speed_and_zero(peer: OdrivePeer, drive: Any) ->
     fed(drive, lambda: not drive.state().torque_nm)
     assert drive.state().torque_nm == 0.0
     drive.command_speed(-math.pi, 20.0)
-    assert peer.control_mode == 2
     fed(drive, lambda: peer.velocity == pytest.approx(-0.5))
+    assert peer.control_mode == 2
     assert drive.state().speed_rad_s == pytest.approx(-math.pi)
     assert drive.position_counts() == 25_000
     assert isinstance(drive, Positioned)
@@ -78,17 +78,17 @@ def test_it_refuses_beyond_its_limits_and_while_it_is_off(drive: Any) -> None:
 
 
 def test_an_unfed_ramp_ends_within_the_described_time(peer: OdrivePeer) -> None:
-    peer.watchdog_s = 0.5
-    drive = open_role(described_for(peer, 1.0), "input_drive")
+    peer.watchdog_s = 2.0
+    drive = open_role(described_for(peer, 4.0), "input_drive")
     try:
         drive.enable()
         drive.command_torque(20.0, 2.0)
         deadline = time.monotonic() + 60.0
         while not drive.state().fault and time.monotonic() < deadline:
             time.sleep(0.05)
-        assert "watchdog not fed for 1 s" in drive.state().fault
+        assert "watchdog not fed for 4 s" in drive.state().fault
         assert not drive.state().enabled
-        assert max(peer.torques) < 2.0 * 0.5 * 1.5, "the steps end, so that the watchdog acts"
+        assert max(peer.torques) < 2.0 * 2.0 * 1.5, "the steps end, so that the watchdog acts"
         drive.enable()
         assert drive.state().enabled
         assert not drive.state().fault
@@ -105,11 +105,11 @@ def test_an_error_has_its_code(peer: OdrivePeer, drive: Any) -> None:
 
 
 def test_a_heartbeat_that_stays_away_is_no_state(peer: OdrivePeer) -> None:
-    drive = open_role(described_for(peer, 1.0), "input_drive")
+    drive = open_role(described_for(peer, 4.0), "input_drive")
     try:
         assert not drive.state().enabled
         peer.cut = True
-        time.sleep(0.6)
+        time.sleep(2.2)
         with pytest.raises(BenchError, match="no answer"):
             drive.state()
     finally:
