@@ -25,6 +25,7 @@ from tests.peers.modbus_device import READ_COILS, READ_INPUT, ModbusDevicePeer
 from tests.peers.moteus_controller import MoteusPeer
 from tests.peers.odrive_node import OdrivePeer
 from tests.peers.plc import AdsPlc, Reducer, S7Plc
+from tests.support.draws import nightly
 from tests.system.command_line import environment, wait_until
 from tests.system.networked import CAN_BUS, WATCHDOG_S, waiting
 from tests.system.panel_api import SLOW
@@ -309,7 +310,9 @@ def calibrating(kind: Example, folder: Path) -> Iterator[tuple[Any, Any]]:
                 process.kill()
 
 
-@pytest.mark.parametrize("kind", BENCHES)
+@pytest.mark.parametrize(
+    "kind", [nightly(kind) if kind in ("odrive", "ethercat") else kind for kind in BENCHES]
+)
 def test_the_doctor_finds_the_example_ready(kind: Example, tmp_path: Path) -> None:
     with example(kind, tmp_path) as (_, bench):
         done = subprocess.run(

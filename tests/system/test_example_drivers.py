@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from tests.peers.lines import LinePeer
 from tests.peers.motor import Motor
+from tests.support.draws import nightly
 from tests.system.networked import HASTY_DRIVE_S, described
 
 from torquebench.bench.description import (
@@ -176,8 +177,15 @@ CASES = [
 ]
 
 
+SAME_LINK = ("angles", "modes", "clamp", "rail", "supply")
+"""Cases whose connection another one has as well."""
+
+
 class TestAscii(DriverContract):
-    @pytest.fixture(params=CASES, ids=lambda case: case.name)
+    @pytest.fixture(
+        params=[nightly(each) if each.name in SAME_LINK else each for each in CASES],
+        ids=lambda case: case.name,
+    )
     def case(self, request: pytest.FixtureRequest) -> DriverCase:
         found: DriverCase = request.param
         return found
