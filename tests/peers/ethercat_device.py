@@ -14,7 +14,8 @@ from types import TracebackType
 from typing import Any, Self
 
 from tests.peers.cia402_node import Abort, Cia402Objects
-from tests.peers.faults import Faults
+
+from torquebench.testing.faults import Faults
 
 LIBRARY = __file__.replace("ethercat_device.py", "ethercat_library")
 INIT, PREOP, SAFEOP, OP, ERROR = 1, 2, 4, 8, 0x10

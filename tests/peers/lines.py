@@ -12,7 +12,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from tests.peers.faults import Faults
+from torquebench.testing.faults import Faults
 
 
 class LinePeer(Faults):

@@ -22,8 +22,9 @@ from pyads.testserver import AdvancedHandler, AmsResponseData, PLCVariable
 from pyads.testserver.testserver import AdsClientConnection
 from snap7.server import Server
 from snap7.type import SrvArea
-from tests.peers.cable import Cable
 from tests.peers.motor import Motor
+
+from torquebench.testing.cable import Cable
 
 CYCLE_S = 0.002
 NET_PORT = 48898

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pytest
-from tests.peers.cable import Cable
 from tests.peers.displays import DisplayPeer, ScalePeer
 from tests.peers.hbm_amplifiers import HbmPeer
 from tests.peers.lines import LinePeer
@@ -19,6 +18,8 @@ from tests.support.draws import nightly
 from tests.system.command_line import started, wait_until
 from tests.system.panel_api import SLOW
 from tests.system.peer_bench import GAIN, RANGE_NM, PeerBench, amplified, peer_bench, stated, toml
+
+from torquebench.testing.cable import Cable
 
 pytestmark = SLOW
 FULL = {"input": 2.0, "output": 1.5}

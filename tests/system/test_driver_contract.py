@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.peers.cable import Cable
 from tests.peers.displays import DisplayPeer
 from tests.peers.hbm_amplifiers import HbmPeer
 from tests.peers.moteus_controller import MoteusPeer
@@ -23,6 +22,7 @@ from torquebench.bench.drivers.base import CounterCard, Drive
 from torquebench.bench.drivers.instruments import open_role
 from torquebench.errors import BenchError, InputError, LimitError
 from torquebench.simulators import Simulators
+from torquebench.testing.cable import Cable
 from torquebench.testing.drivers import DriverCase, DriverContract, Peer
 
 AMPLIFIER_WINDOW_S = 0.05  # peers answer by Python, on a computer that is busy with other tests
@@ -71,10 +71,16 @@ def _has_values(block: Any) -> bool:
     return values.size == 5 and set(values[~np.isnan(values)]) <= {10.0}
 
 
+def _read_now(readout: Any) -> Any:
+    """Read at the present time, which goes on between the calls."""
+    now_s = time.monotonic()
+    return readout.read("input", now_s, now_s)
+
+
 def _read_amplifier(readout: Any) -> Any:
     """Read as often as its own thread needs to find out that nothing answers."""
     for _ in range(25):
-        record = readout.read("input", 1.0, 1.0)
+        record = _read_now(readout)
         time.sleep(0.05)
     return record
 
@@ -221,14 +227,14 @@ CASES = [
         "scpi-readout",
         "reference",
         variant="a",
-        read=lambda i: i.read("input", 1.0, 1.0),
+        read=_read_now,
         right=lambda s: s.time_s.shape == s["signal"].shape,
     ),
     Case(
         "visa-readout",
         "reference",
         variant="a",
-        read=lambda i: i.read("input", 1.0, 1.0),
+        read=_read_now,
         right=lambda s: s.time_s.shape == s["signal"].shape,
         visa=True,
     ),
@@ -236,7 +242,7 @@ CASES = [
         "modbus-readout",
         "reference",
         variant="b",
-        read=lambda i: i.read("input", 1.0, 1.0),
+        read=_read_now,
         right=lambda s: s.time_s.shape == s["signal"].shape,
     ),
     Case("scpi-counter", "counter", variant="a", read=_read_block, right=_has_pulses, lossy=True),

@@ -171,7 +171,7 @@ CASES = [
     DriverCase(
         "read-out",
         "reference",
-        lambda i: i.read("input", 1.0, 1.0),
+        lambda i: i.read("input", time.monotonic(), time.monotonic()),
         lambda r: r.time_s.shape == r["signal"].shape,
     ),
 ]

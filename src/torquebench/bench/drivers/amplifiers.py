@@ -204,11 +204,12 @@ class AmplifierReadout:
             failure, self._failure = self._failure, None
             kept, self._kept[side] = self._kept[side], []
             lost, self._lost[side] = self._lost[side], 0
+            timed = self._clocks[side].take(np.array(kept), until_s, timed_s, lost)
         if self._ending.is_set():
             self._amplifier.values()  # a closed amplifier refuses requests
         if failure is not None:
             raise failure
-        return self._clocks[side].take(np.array(kept), until_s, timed_s, lost)
+        return timed
 
     def close(self) -> None:
         """Release the amplifier. A second call does nothing."""

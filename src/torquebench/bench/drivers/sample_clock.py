@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,7 @@ class SampleClock:
     def __init__(self, period_s: float) -> None:
         self.period_s = period_s
         self._until_s = -math.inf
+        self._lock = threading.Lock()
         self._begin()
 
     def _begin(self) -> None:
@@ -73,6 +75,13 @@ class SampleClock:
         lost : int
             Number of samples lost by the instrument before them, if it states that.
         """
+        with self._lock:
+            return self._taken(torque_nm, until_s, timed_s, lost)
+
+    def _taken(
+        self, torque_nm: NDArray[np.float64], until_s: float, timed_s: float, lost: int
+    ) -> Record:
+        """Add samples and return those whose times are known."""
         if until_s - self._until_s > FORGOTTEN_S:
             self._begin()
         passed_s, self._until_s = until_s - self._until_s, until_s

@@ -1,16 +1,28 @@
 """A cable between a client and a device on TCP, which can be cut, slow or noisy."""
 
+from __future__ import annotations
+
 import contextlib
 import socket
 import threading
 from types import TracebackType
 from typing import Self
 
-from tests.peers.faults import Faults
+from torquebench.testing.faults import Faults
 
 
 class Cable(Faults):
-    """Passes on what is sent to `address`; it misbehaves in the device's direction of sending."""
+    """Passes on what is sent to its port, and misbehaves in the device's direction of sending.
+
+    Parameters
+    ----------
+    port : int
+        Port of the device.
+    host : str, default "127.0.0.1"
+        Host of the device.
+    at : tuple of str and int, optional
+        Address at which it listens; by default a free port, `port`.
+    """
 
     def __init__(
         self, port: int, host: str = "127.0.0.1", at: tuple[str, int] = ("127.0.0.1", 0)

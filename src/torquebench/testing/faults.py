@@ -1,10 +1,17 @@
 """Faults of a device or a cable, which last for some answers or some time."""
 
+from __future__ import annotations
+
 import time
 
 
 class Faults:
-    """What misbehaves by kind: "delay", "drop", "cut", "garble" and "disconnect"."""
+    """What misbehaves by kind.
+
+    "drop" loses an answer, "cut" sends its first half, "delay" sends it `amount` seconds late,
+    "garble" sends what nobody understands, "disconnect" closes every connection. A fault lasts for
+    a number of `replies`, for `duration_s`, or until `heal`.
+    """
 
     def __init__(self) -> None:
         self._faults: dict[str, tuple[float, int | None, float]] = {}
