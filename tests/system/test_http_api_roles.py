@@ -44,6 +44,7 @@ BODIES: dict[str, dict[str, Any]] = {
         "into_serial": "none",
         "role": "none",
     },
+    "records_laboratory": {"name": "Lab", "city": "Ulm", "country": "DE"},
     "records_adjust": {"kind": "transducer", "serial": "none", "what": "none"},
     "records_use": {"model": 999},
     "records_deactivate": {"side": "output"},

@@ -150,7 +150,7 @@ def test_an_alarm_says_what_it_is_and_what_to_do(ana: Visitor) -> None:
     all_chinese(ana, "alarm.stop_requested", "alarm.stop_requested_do")
     ana.press(CHINESE("alarms.acknowledge", who="Ana"))
     all_chinese(ana, "alarms.none", "alarms.history")
-    for path, key in (("/", "record.start"), ("/reducer", "preview.title"),
+    for path, key in (("/", "chart.cursors"), ("/reducer", "preview.title"),
                       ("/settings", "settings.bench")):  # fmt: skip
         ana.open(path)
         all_chinese(ana, key)

@@ -150,6 +150,7 @@ def _server() -> Iterator[None]:
             _Computations.running -= 1
             if not _Computations.running:
                 _Computations.waiting = threading.Timer(IDLE_S, _end_idle_server)
+                _Computations.waiting.name = "torquebench-idle"
                 _Computations.waiting.daemon = True
                 _Computations.waiting.start()
 

@@ -184,8 +184,8 @@ class Bus:
         late_us = 1e6 * np.array(self._late_s or [np.nan])
         middle, most = np.percentile(late_us, [50.0, 99.0])
         return (
-            f"{1e3 * self._cycle_s:g} ms, late by {middle:.0f} µs (median), {most:.0f} µs (99 %), "
-            f"{late_us.max():.0f} µs (most) in {late_us.size} cycles"
+            f"{MS_PER_S * self._cycle_s:g} ms, late by {middle:.0f} µs (median), "
+            f"{most:.0f} µs (99 %), {late_us.max():.0f} µs (most) in {late_us.size} cycles"
         )
 
     def _run(self) -> None:

@@ -138,7 +138,7 @@ def protocols() -> dict[str, Callable[[], DriverPlugin]]:
     Examples
     --------
     >>> sorted(protocols())[:3]
-    ['ads', 'canopen', 'hbm']
+    ['ads', 'canopen', 'ethercat']
     """
     plugins: dict[str, Callable[[], DriverPlugin]] = {}
     for point in entry_points(DRIVERS):

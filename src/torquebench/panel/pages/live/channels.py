@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from pydantic import ValidationError
 
@@ -27,9 +27,6 @@ from torquebench.panel.text import Text
 from torquebench.units import unit_of_name
 from torquebench.validation import words_of
 
-if TYPE_CHECKING:
-    from torquebench.panel.pages.live.chart import LiveChart
-
 __all__ = ["open_channels", "open_computed"]
 
 CHARTS = 3
@@ -44,7 +41,20 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
 }
 
 
-def open_channels(chart: LiveChart) -> None:
+class Chart(Protocol):
+    """The chart whose signals are chosen."""
+
+    text: Text
+    layout: LiveLayout
+
+    def keep(self, layout: LiveLayout) -> None:
+        """Store a layout and show it."""
+
+    def title(self, name: str) -> str:
+        """Return a signal's title."""
+
+
+def open_channels(chart: Chart) -> None:
     """Ask for the signals of the present view."""
     text, layout = chart.text, chart.layout
     forms = {"time": _time_form, "xy": _loop_form, "digits": _digits_form}
@@ -83,7 +93,7 @@ def _attempt(text: Text, wrong: Any, make: Callable[[], Any]) -> Any:
     return None
 
 
-def _titles(chart: LiveChart) -> dict[str, str]:
+def _titles(chart: Chart) -> dict[str, str]:
     """Return title and unit of every signal."""
     return {
         name: ", ".join(part for part in (chart.title(name), signal.unit) if part not in ("", "1"))
@@ -91,7 +101,7 @@ def _titles(chart: LiveChart) -> dict[str, str]:
     }
 
 
-def _time_form(chart: LiveChart) -> Callable[[], Mapping[str, Any]]:
+def _time_form(chart: Chart) -> Callable[[], Mapping[str, Any]]:
     text, layout = chart.text, chart.layout
     bands = (*layout.bands, *(BandLayout() for _ in range(CHARTS)))[:CHARTS]
     places = {str(place): text("live.chart_number", number=place) for place in (1, 2, 3)}
@@ -127,7 +137,7 @@ def _time_form(chart: LiveChart) -> Callable[[], Mapping[str, Any]]:
     }
 
 
-def _loop_form(chart: LiveChart) -> Callable[[], Mapping[str, Any]]:
+def _loop_form(chart: Chart) -> Callable[[], Mapping[str, Any]]:
     text, xy, titles = chart.text, chart.layout.xy, _titles(chart)
     x = Field(text("live.horizontal"), xy.x, options=titles)
     y = Choice(text("live.vertical"), titles, xy.signals, several=True)
@@ -136,7 +146,7 @@ def _loop_form(chart: LiveChart) -> Callable[[], Mapping[str, Any]]:
     }
 
 
-def _digits_form(chart: LiveChart) -> Callable[[], Mapping[str, Any]]:
+def _digits_form(chart: Chart) -> Callable[[], Mapping[str, Any]]:
     titles = _titles(chart)
     numbers = Choice(chart.text("live.numbers"), titles, chart.layout.digits, several=True)
     return lambda: {"digits": tuple(name for name in titles if name in numbers.values)}
@@ -154,7 +164,7 @@ def _scale(kind: str, low: str, high: str) -> Scale:
     return Scale(kind="fixed", low=ends[0], high=ends[1])
 
 
-def open_computed(chart: LiveChart) -> None:
+def open_computed(chart: Chart) -> None:
     """Show the computed channels, and ask for another one."""
     text = chart.text
 
