@@ -234,7 +234,8 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
             job = service.jobs.start(ANA, name, request)
             while service.jobs.busy:
                 time.sleep(0.05)
-            assert service.jobs.get(job.job_id).state == "done"
+            ended = service.jobs.get(job.job_id)
+            assert ended.state == "done", ended.problem
     (folder / "laboratory.toml").write_text(
         '[policy]\nunreviewed = "state"\n[laboratory]\nname = "Lab"\n'
         'city = "Ulm"\ncountry = "DE"\npeople = ["Chief", "Olga"]\n',
