@@ -1,6 +1,7 @@
 """A moteus controller as drive, against a peer of its reference on TCP and a serial line."""
 
 import math
+import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -96,3 +97,23 @@ def test_a_fault_has_its_code(peer: MoteusPeer, drive: Any) -> None:
     peer.mode, peer.fault_code = FAULT, 38
     state = drive.state()
     assert (state.enabled, state.fault) == (False, "fault code 38")
+
+
+def test_feeding_never_switches_it_on_again(peer: MoteusPeer, drive: Any) -> None:
+    ended = threading.Event()
+
+    def feed() -> None:
+        while not ended.is_set():
+            drive.feed_watchdog()
+
+    feeding = threading.Thread(target=feed)
+    feeding.start()
+    try:
+        for _ in range(20):
+            drive.enable()
+            drive.disable()
+            time.sleep(0.02)
+            assert not drive.state().enabled
+    finally:
+        ended.set()
+        feeding.join()

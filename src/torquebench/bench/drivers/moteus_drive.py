@@ -115,6 +115,7 @@ class MoteusDrive:
         self._fed_s = time.monotonic()
         self._stepper = Stepper(watchdog_s)
         self._sending = threading.Lock()
+        self._on = False  # a set point would switch a stopped controller on
         self._read()
 
     def _read(self, command: Any = None) -> dict[int, float]:
@@ -149,6 +150,8 @@ class MoteusDrive:
     def _send(self) -> dict[int, float]:
         """Command the present set point, for the rest of the watchdog's time."""
         with self._sending:  # feeding and stepping threads: the newest set point is sent last
+            if not self._on:
+                return self._read()
             scales = {} if self._speed_control else {"kp_scale": 0.0, "kd_scale": 0.0}
             left_s = self._watchdog_s - (time.monotonic() - self._fed_s)
             return self._read(
@@ -170,13 +173,16 @@ class MoteusDrive:
         self._set_point = {"feedforward_torque": 0.0, "velocity": 0.0}
         self._fed_s = time.monotonic()
         self._stepper.feed()
+        self._on = True
         self._send()
         wait_until_enabled(self, self._link.name, self._options.switching_s)
 
     def disable(self) -> None:
-        """Switch off the motor's power."""
+        """Switch off the motor's power, after which no set point is sent."""
         self._stepper.stop()
-        self._read(self._controller.make_stop(query=True))
+        with self._sending:
+            self._on = False
+            self._read(self._controller.make_stop(query=True))
 
     def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
         """Step to a torque at a limited rate and keep it."""
