@@ -28,6 +28,7 @@ class OdrivePeer(SocketcandPeer):
         self.torque_nm = self.velocity = 0.0
         self.position = 0.25
         self.torques: list[float] = []
+        self.velocities: list[float] = []
         self.lock = threading.RLock()
         self._fed_s = time.monotonic()
         self._ending = threading.Event()
@@ -91,6 +92,7 @@ class OdrivePeer(SocketcandPeer):
         elif command == 0x0D:
             self._fed_s = time.monotonic()
             self.velocity, self.torque_nm = struct.unpack("<ff", data)
+            self.velocities.append(self.velocity)
         elif command == 0x0E:
             self._fed_s = time.monotonic()
             (self.torque_nm,) = struct.unpack("<f", data)

@@ -2,6 +2,7 @@
 
 import importlib
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -156,6 +157,20 @@ def test_both_drives_can_be_enabled_after_both_have_lost_their_power(
     finally:
         for drive in drives:
             drive.close()
+
+
+def test_a_drive_that_never_operates_leaves_no_cycles_behind(
+    network: EthercatNetwork, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = network.devices[0]
+    request = device.request_state
+    monkeypatch.setattr(device, "request_state", lambda wanted: wanted != OP and request(wanted))
+    with pytest.raises(BenchError, match="doesn't reach OP"):
+        open_role(described_for(network), "input_drive")
+    before = device.cycles
+    time.sleep(0.1)
+    assert device.cycles == before
+    assert not [each for each in threading.enumerate() if each.name == "ethercat"]
 
 
 def test_without_power_the_cycles_need_no_feeding(network: EthercatNetwork) -> None:

@@ -1,6 +1,7 @@
 """An ODrive controller as drive, against a peer of its manual on a CAN bus."""
 
 import math
+import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.peers.odrive_node import ESTOP, OdrivePeer
+from tests.system.command_line import wait_until
 from tests.system.networked import CAN_BUS, described
 
 from torquebench.bench.drivers.base import Positioned
@@ -94,6 +96,28 @@ def test_an_unfed_ramp_ends_within_the_described_time(peer: OdrivePeer) -> None:
         assert not drive.state().fault
     finally:
         drive.close()
+
+
+def test_feeding_never_sends_a_torque_as_a_velocity(peer: OdrivePeer, drive: Any) -> None:
+    ended = threading.Event()
+
+    def feed() -> None:
+        while not ended.is_set():
+            drive.feed_watchdog()
+
+    drive.enable()
+    feeding = threading.Thread(target=feed)
+    feeding.start()
+    try:
+        for _ in range(30):
+            drive.command_torque(10.0, 1e6)
+            wait_until(lambda: peer.torque_nm == 10.0, "the torque")
+            drive.command_speed(0.1, 1e6)
+            wait_until(lambda: peer.velocity > 0.0, "the velocity")
+    finally:
+        ended.set()
+        feeding.join()
+    assert max(peer.velocities) == pytest.approx(0.1 / math.tau)
 
 
 def test_an_error_has_its_code(peer: OdrivePeer, drive: Any) -> None:

@@ -20,6 +20,7 @@ from torquebench.bench.drivers.base import DriveLimits, DriveState, Identity
 from torquebench.bench.drivers.can_bus import BusOptions
 from torquebench.bench.drivers.links import (
     LONGEST_TIME_OUT_S,
+    POLL_S,
     Link,
     SwitchingTime,
     TimeOut,
@@ -62,7 +63,6 @@ REMOTE, INTERNAL_LIMIT = 0x0200, 0x0800
 TIMED_OUT, NOT_IN_THIS_STATE = 0x05040000, 0x08000022
 ABSENT = (0x06020000, 0x06090011)
 """Abort codes: no answer; refused in the present state; no such object or subindex."""
-POLL_S = 0.005
 
 STATES = (
     (0x4F, 0x40, "switch on disabled"),

@@ -92,16 +92,16 @@ class Bus:
         self._completed_s = float("-inf")
         self._late_s: deque[float] = deque(maxlen=KEPT_CYCLES)
         self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="ethercat", daemon=True)
         self.master = self._soem.Master()
         try:
             self.master.open(adapter)
             self._configure(positions)
+            self._thread.start()
+            self.operate()
         except BaseException:
-            self.master.close()
+            self._end()
             raise
-        self._thread = threading.Thread(target=self._run, name="ethercat", daemon=True)
-        self._thread.start()
-        self.operate()
 
     @classmethod
     def shared(cls, adapter: str, *settings: Any) -> Bus:
@@ -120,12 +120,17 @@ class Bus:
             if self._users > 0:
                 return
             self._buses.pop(self._adapter, None)
-            self._ending.set()
+            self._end()
+
+    def _end(self) -> None:
+        """End the cycles, and leave the devices without process data."""
+        self._ending.set()
+        if self._thread.is_alive():
             self._thread.join()
-            with contextlib.suppress(Exception):  # the devices' watchdogs act in any case
-                self.master.state = self._soem.INIT_STATE
-                self.master.write_state()
-            self.master.close()
+        with contextlib.suppress(Exception):  # the devices' watchdogs act in any case
+            self.master.state = self._soem.INIT_STATE
+            self.master.write_state()
+        self.master.close()
 
     def _configure(self, positions: tuple[int, ...]) -> None:
         """Find all devices, set the drives' process data and watchdogs, and go to SAFE-OP."""
@@ -148,11 +153,14 @@ class Bus:
     def operate(self) -> None:
         """Bring all drives to the state OP, out of the state that a watchdog has left them in."""
         soem, deadline = self._soem, time.monotonic() + 20 * STATE_TIME_US / 1e6
-        for position in self.out:
+        for position in tuple(self.out):
             device = self.master.slaves[position]
             while (state := device.state_check(soem.OP_STATE, STATE_TIME_US)) != soem.OP_STATE:
                 if time.monotonic() > deadline:
                     raise WireError(self._not_operating(device))
+                with self.lock:  # it has lost its power: its old set point is void
+                    self.out[position] = _nothing()
+                    self.fed_s.pop(position, None)
                 failed = state & soem.STATE_ERROR
                 device.state = soem.SAFEOP_STATE + soem.STATE_ACK if failed else soem.OP_STATE
                 device.write_state()

@@ -7,7 +7,6 @@ steps it. Each command states after which time without another one the controlle
 from __future__ import annotations
 
 import math
-import threading
 import time
 from typing import Annotated, Any
 
@@ -19,11 +18,10 @@ from torquebench.bench.drivers.links import (
     SwitchingTime,
     TimeOut,
     WireError,
-    check_drive_order,
     wait_until_enabled,
 )
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest, require_library
-from torquebench.bench.drivers.stepping import Stepper
+from torquebench.bench.drivers.stepping import SteppedDrive
 from torquebench.bench.roles import Side
 from torquebench.errors import BenchError
 from torquebench.message import Message
@@ -84,7 +82,7 @@ class MoteusLink(LineLink):
         return self.call(ask)
 
 
-class MoteusDrive:
+class MoteusDrive(SteppedDrive):
     """A motor with a moteus controller.
 
     Parameters
@@ -97,6 +95,8 @@ class MoteusDrive:
     def __init__(
         self, link: MoteusLink, side: Side, options: MoteusOptions, watchdog_s: float
     ) -> None:
+        largest_rad_s = options.maximum_speed_rpm * RAD_S_PER_RPM
+        super().__init__(link, DriveLimits(options.maximum_torque_nm, largest_rad_s), watchdog_s)
         self._link, self._side, self._options = link, side, options
         self._watchdog_s = watchdog_s
         moteus = link.library
@@ -110,12 +110,7 @@ class MoteusDrive:
         self._controller = moteus.Controller(
             id=options.node, query_resolution=resolution, transport=object()
         )
-        self._set_point: dict[str, float] = {"feedforward_torque": 0.0, "velocity": 0.0}
-        self._speed_control = False
         self._fed_s = time.monotonic()
-        self._stepper = Stepper(watchdog_s)
-        self._sending = threading.Lock()
-        self._on = False  # a set point would switch a stopped controller on
         self._read()
 
     def _read(self, command: Any = None) -> dict[int, float]:
@@ -142,91 +137,39 @@ class MoteusDrive:
         details = {"address": self._link.address, "node": str(self._options.node)}
         return Identity(f"{self._side}.drive", "mjbots", "moteus", serial, f"{version:X}", details)
 
-    def limits(self) -> DriveLimits:
-        """Return the described limits."""
-        speed_rad_s = self._options.maximum_speed_rpm * RAD_S_PER_RPM
-        return DriveLimits(self._options.maximum_torque_nm, speed_rad_s)
-
-    def _send(self) -> dict[int, float]:
-        """Command the present set point, for the rest of the watchdog's time."""
-        with self._sending:  # feeding and stepping threads: the newest set point is sent last
-            if not self._on:
-                return self._read()
-            scales = {} if self._speed_control else {"kp_scale": 0.0, "kd_scale": 0.0}
-            left_s = self._watchdog_s - (time.monotonic() - self._fed_s)
-            return self._read(
-                self._controller.make_position(
-                    position=math.nan,
-                    maximum_torque=self._options.maximum_torque_nm,
-                    watchdog_timeout=max(SHORTEST_TIME_S, left_s),
-                    query=True,
-                    **self._set_point,
-                    **scales,
-                )
+    def _command(self) -> None:
+        """Send the present set point, for the rest of the watchdog's time."""
+        set_point: dict[str, float] = {"feedforward_torque": 0.0, "velocity": 0.0}
+        if self._speed_control:
+            set_point["velocity"] = self._set_point / TURN
+        else:
+            set_point |= {"feedforward_torque": self._set_point, "kp_scale": 0.0, "kd_scale": 0.0}
+        left_s = self._watchdog_s - (time.monotonic() - self._fed_s)
+        self._read(
+            self._controller.make_position(
+                position=math.nan,
+                maximum_torque=self._options.maximum_torque_nm,
+                watchdog_timeout=max(SHORTEST_TIME_S, left_s),
+                query=True,
+                **set_point,
             )
+        )
+
+    def _switch_off(self) -> None:
+        self._read(self._controller.make_stop(query=True))
 
     def enable(self) -> None:
         """Reset a fault or a time-out, and control zero torque."""
-        self._stepper.stop()
-        self._read(self._controller.make_stop(query=True))
-        self._speed_control = False
-        self._set_point = {"feedforward_torque": 0.0, "velocity": 0.0}
+        self.disable()
+        self._control(speed=False)
         self._fed_s = time.monotonic()
         self._stepper.feed()
         self._on = True
         self._send()
         wait_until_enabled(self, self._link.name, self._options.switching_s)
 
-    def disable(self) -> None:
-        """Switch off the motor's power, after which no set point is sent."""
-        self._stepper.stop()
-        with self._sending:
-            self._on = False
-            self._read(self._controller.make_stop(query=True))
-
-    def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
-        """Step to a torque at a limited rate and keep it."""
-        name, most = self._link.name, self.limits().torque_nm
-        check_drive_order(name, torque_nm, ramp_nm_per_s, most, "N·m")
-        self._step("feedforward_torque", torque_nm, ramp_nm_per_s)
-
-    def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
-        """Step to a speed at a limited rate and keep it."""
-        name, most = self._link.name, self.limits().speed_rad_s
-        check_drive_order(name, speed_rad_s, ramp_rad_per_s2, most, "rad/s")
-        self._step("velocity", speed_rad_s / TURN, ramp_rad_per_s2 / TURN)
-
-    def _step(self, quantity: str, target: float, rate: float) -> None:
-        """Ramp a torque or speed to a target at a rate; control of the other quantity ends."""
-        if not self.state().enabled:
-            raise BenchError(
-                Message("{name} is off", self._link.name),
-                "commands to an enabled drive",
-                "enable it first",
-            )
-        self._stepper.stop()
-        speed_control = quantity == "velocity"
-        if speed_control != self._speed_control:
-            self._speed_control = speed_control
-            self._set_point = {"feedforward_torque": 0.0, "velocity": 0.0}
-
-        def write(value: float) -> None:
-            self._set_point = self._set_point | {quantity: value}
-            self._send()
-
-        self._stepper.go(write, self._set_point[quantity], target, rate)
-
-    def ramp_to_zero(self, duration_s: float) -> None:
-        """Step torque or speed to zero; a controller that refuses is switched off."""
-        quantity = "velocity" if self._speed_control else "feedforward_torque"
-        rate = max(abs(self._set_point[quantity]) / max(duration_s, 1e-3), 1e-9)
-        try:
-            self._step(quantity, 0.0, rate)
-        except BenchError:
-            self.disable()
-
     def feed_watchdog(self) -> None:
-        """Repeat the present command, if the controller is on."""
+        """Repeat the present set point, if the controller is on: it would start a stopped one."""
         self._fed_s = time.monotonic()
         self._stepper.feed()
         if int(self._read()[self._register.MODE]) == self._mode.POSITION:
@@ -252,11 +195,6 @@ class MoteusDrive:
         """Request the position, `COUNTS_PER_TURN` per turn of the motor."""
         counts = round(self._read()[self._register.POSITION] * COUNTS_PER_TURN)
         return (counts + 2**31) % 2**32 - 2**31
-
-    def close(self) -> None:
-        """Release the drive. A second call does nothing."""
-        self._stepper.close()
-        self._link.close()
 
 
 def _drive(request: InstrumentRequest) -> MoteusDrive:

@@ -7,7 +7,6 @@ point feeds the controller's watchdog, which is set in the controller itself.
 from __future__ import annotations
 
 import struct
-import threading
 import time
 from typing import Annotated, Any
 
@@ -21,7 +20,6 @@ from torquebench.bench.drivers.links import (
     SwitchingTime,
     TimeOut,
     WireError,
-    check_drive_order,
     wait_until_enabled,
 )
 from torquebench.bench.drivers.plugins import (
@@ -30,7 +28,7 @@ from torquebench.bench.drivers.plugins import (
     Options,
     require_library,
 )
-from torquebench.bench.drivers.stepping import Stepper
+from torquebench.bench.drivers.stepping import SteppedDrive
 from torquebench.bench.roles import Side
 from torquebench.errors import BenchError
 from torquebench.message import Message
@@ -150,7 +148,7 @@ class OdriveLink(Link[Any]):
         return found
 
 
-class OdriveDrive:
+class OdriveDrive(SteppedDrive):
     """A motor with an ODrive controller.
 
     Parameters
@@ -164,6 +162,9 @@ class OdriveDrive:
     def __init__(
         self, link: OdriveLink, side: Side, options: OdriveOptions, watchdog_s: float
     ) -> None:
+        largest_rad_s = options.maximum_speed_rpm * RAD_S_PER_RPM
+        limits = DriveLimits(options.maximum_torque_nm, largest_rad_s)
+        super().__init__(link, limits, 0.5 * watchdog_s)
         self._link, self._side, self._options = link, side, options
         self._watchdog_s = watchdog_s
         self._version = link.request(VERSION, "<8B")
@@ -173,11 +174,6 @@ class OdriveDrive:
                 "firmware 0.6 or later, whose watchdog is fed by set points only",
                 "update its firmware",
             )
-        self._target = 0.0
-        self._speed_control = False
-        self._fed_s = time.monotonic()
-        self._stepper = Stepper(0.5 * watchdog_s)
-        self._sending = threading.Lock()
 
     @property
     def _firmware(self) -> str:
@@ -191,81 +187,35 @@ class OdriveDrive:
         details = {"address": self._link.address, "node": str(node)}
         return Identity(f"{self._side}.drive", "ODrive", model, number, self._firmware, details)
 
-    def limits(self) -> DriveLimits:
-        """Return the described limits."""
-        speed_rad_s = self._options.maximum_speed_rpm * RAD_S_PER_RPM
-        return DriveLimits(self._options.maximum_torque_nm, speed_rad_s)
+    def _command(self) -> None:
+        if self._speed_control:
+            self._link.tell(SET_VELOCITY, "<ff", self._set_point / TURN, 0.0)
+        else:
+            self._link.tell(SET_TORQUE, "<f", self._set_point)
 
-    def _send(self, target: float) -> None:
-        """Command a torque (N·m) or a velocity (turns per second)."""
-        with self._sending:  # feeding and stepping threads: the newest set point is sent last
-            self._target = target
-            if self._speed_control:
-                self._link.tell(SET_VELOCITY, "<ff", target, 0.0)
-            else:
-                self._link.tell(SET_TORQUE, "<f", target)
+    def _switch_off(self) -> None:
+        self._link.tell(SET_STATE, "<I", IDLE)
 
     def _control(self, *, speed: bool) -> None:
         """Change what is controlled, beginning at a set point of zero."""
-        self._speed_control = speed
-        self._send(0.0)
-        mode = VELOCITY_CONTROL if speed else TORQUE_CONTROL
-        self._link.tell(SET_MODE, "<II", mode, PASSTHROUGH)
+        with self._sending:
+            super()._control(speed=speed)
+            self._command()
+            mode = VELOCITY_CONTROL if speed else TORQUE_CONTROL
+            self._link.tell(SET_MODE, "<II", mode, PASSTHROUGH)
 
     def enable(self) -> None:
         """Clear errors, and control zero torque."""
-        self._stepper.stop()
+        self.disable()
         self._link.tell(CLEAR_ERRORS, "<B", 0)
         deadline = time.monotonic() + self._options.switching_s
         while self._link.heartbeat()[0] and time.monotonic() < deadline:
             time.sleep(POLL_S)
         self._control(speed=False)
         self._stepper.feed()
+        self._on = True
         self._link.tell(SET_STATE, "<I", CLOSED_LOOP)
         wait_until_enabled(self, self._link.name, self._options.switching_s)
-
-    def disable(self) -> None:
-        """Switch off the motor's power."""
-        self._stepper.stop()
-        self._link.tell(SET_STATE, "<I", IDLE)
-
-    def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
-        """Step to a torque at a limited rate and keep it."""
-        most = self.limits().torque_nm
-        check_drive_order(self._link.name, torque_nm, ramp_nm_per_s, most, "N·m")
-        self._step(torque_nm, ramp_nm_per_s, speed=False)
-
-    def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
-        """Step to a speed at a limited rate and keep it."""
-        most = self.limits().speed_rad_s
-        check_drive_order(self._link.name, speed_rad_s, ramp_rad_per_s2, most, "rad/s")
-        self._step(speed_rad_s / TURN, ramp_rad_per_s2 / TURN, speed=True)
-
-    def _step(self, target: float, rate: float, *, speed: bool) -> None:
-        """Ramp a torque or speed to a target at a rate; control of the other quantity ends."""
-        if not self.state().enabled:
-            raise BenchError(
-                Message("{name} is off", self._link.name),
-                "commands to an enabled drive",
-                "enable it first",
-            )
-        self._stepper.stop()
-        if speed != self._speed_control:
-            self._control(speed=speed)
-        self._stepper.go(self._send, self._target, target, rate)
-
-    def ramp_to_zero(self, duration_s: float) -> None:
-        """Step torque or speed to zero; a controller that refuses is switched off."""
-        rate = max(abs(self._target) / max(duration_s, 1e-3), 1e-9)
-        try:
-            self._step(0.0, rate, speed=self._speed_control)
-        except BenchError:
-            self.disable()
-
-    def feed_watchdog(self) -> None:
-        """Repeat the present set point."""
-        self._stepper.feed()
-        self._send(self._target)
 
     def state(self) -> DriveState:
         """Return the state of the last heartbeat, and request the active torque.
@@ -281,18 +231,13 @@ class OdriveDrive:
         elif errors:
             fault = Message("error 0x{code:08X}", errors)
         if self._speed_control:
-            return DriveState(enabled, None, self._target * TURN if enabled else 0.0, fault)
+            return DriveState(enabled, None, self._set_point if enabled else 0.0, fault)
         return DriveState(enabled, torque_nm if enabled else 0.0, None, fault)
 
     def position_counts(self) -> int:
         """Request the position, `COUNTS_PER_TURN` per turn of the motor."""
         counts = round(float(self._link.request(ENCODER, "<ff")[0]) * COUNTS_PER_TURN)
         return (counts + 2**31) % 2**32 - 2**31
-
-    def close(self) -> None:
-        """Release the drive. A second call does nothing."""
-        self._stepper.close()
-        self._link.close()
 
 
 def _drive(request: InstrumentRequest) -> OdriveDrive:
