@@ -25,9 +25,13 @@ if TYPE_CHECKING:
 
 
 SETTLING_S = 0.3
-STANDARD_S = 1.0
+STANDARD_S, LONGEST_STANDARD_S = 1.0, 10.0
+"""Time for which a standard's samples are read, and after which it is said to send none.
+
+A busy computer learns late what the time of a sample is.
+"""
 FEWEST_READS = 10
-"""So many answers tell the clock of a standard's read-out."""
+"""Number of answers from which the clock of a standard's read-out is known."""
 WATCHDOG_MARGIN_S = 0.5
 ZERO_TOLERANCE = 0.1
 """Largest deviation of an unloaded signal from its nominal zero, as a share of its span.
@@ -390,19 +394,21 @@ def _readout(station: Station) -> Iterator[Finding]:
     for side in SIDES:
         what = Message("{side} standard", side)
         try:
-            read = []
-            # the estimate of its clock improves with repeated answers
-            for _ in range(max(FEWEST_READS, round(STANDARD_S / block_s))):
+            torque = np.empty(0)
+            fewest = max(FEWEST_READS, round(STANDARD_S / block_s))
+            for number in range(max(fewest, round(LONGEST_STANDARD_S / block_s))):
+                if number >= fewest and torque.size:
+                    break
                 station.clock.wait(block_s)
                 now_s = station.clock.now()
-                read.append(reference.read(side, now_s, now_s)["signal"])
-            torque = np.concatenate(read)
+                torque = np.append(torque, reference.read(side, now_s, now_s)["signal"])
         except TorquebenchError as error:
             yield problem(what, error)
             continue
         if torque.size == 0:
             remedy = "let its amplifier measure continuously, and check the channel's number"
-            yield Finding(what, "problem", Message("no sample in {time_s:g} s", STANDARD_S), remedy)
+            found = Message("no sample in {time_s:g} s", LONGEST_STANDARD_S)
+            yield Finding(what, "problem", found, remedy)
         elif np.isnan(torque).all():
             yield Finding(what, "note", "states no torque", "mount it to see its signal")
         elif torque.size > 1 and np.ptp(torque[np.isfinite(torque)]) == 0.0:

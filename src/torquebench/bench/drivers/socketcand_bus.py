@@ -42,14 +42,14 @@ class SocketcandBus(can.BusABC):
         self._socket = socket.create_connection((host, port), timeout_s)
         try:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._greet(channel)
+            self._greet(channel, time.monotonic() + timeout_s)
         except BaseException:
             self._socket.close()
             self._is_shutdown = True
             raise
         super().__init__(channel=channel)
 
-    def _greet(self, channel: str) -> None:
+    def _greet(self, channel: str, deadline: float) -> None:
         """Open the channel in raw mode on the server; refuse an unexpected answer."""
         for request, wanted in (
             (b"", b"< hi >"),
@@ -57,15 +57,29 @@ class SocketcandBus(can.BusABC):
             (b"< rawmode >", b"< ok >"),
         ):
             self._socket.sendall(request)
-            answer = b""
-            while not answer.endswith(b">"):
-                data = self._socket.recv(64)
-                if not data or len(answer) > LONGEST_FRAME:
-                    said = f"said {answer!r}" if data else "closed the connection"
-                    raise can.CanInitializationError(f"socketcand {said}")
-                answer += data
+            answer = self._answered()
+            while answer.startswith(b"< frame") and time.monotonic() < deadline:
+                answer = self._answered()  # the bus doesn't wait for the greeting
             if answer != wanted:
                 raise can.CanInitializationError(f"socketcand answered {answer!r}, not {wanted!r}")
+        self._split()
+
+    def _answered(self) -> bytes:
+        """Return the server's next text; what arrived after it is kept."""
+        while b">" not in self._rest:
+            data = self._socket.recv(4096)
+            if not data or len(self._rest) > LONGEST_FRAME:
+                said = f"said {self._rest!r}" if data else "closed the connection"
+                raise can.CanInitializationError(f"socketcand {said}")
+            self._rest += data
+        answer, end, self._rest = self._rest.partition(b">")
+        return answer.lstrip() + end
+
+    def _split(self) -> None:
+        """Queue the frames that have arrived whole."""
+        while b">" in self._rest:
+            line, _, self._rest = self._rest.partition(b">")
+            self._take(line)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         """Return the next frame, if one arrives in time; False: the frames aren't filtered yet."""
@@ -84,9 +98,7 @@ class SocketcandBus(can.BusABC):
             self.gone = True
             return None, False
         self._rest += data
-        while b">" in self._rest:
-            line, _, self._rest = self._rest.partition(b">")
-            self._take(line)
+        self._split()
         if len(self._rest) > LONGEST_FRAME:
             self._rest = b""
         return (self._frames.popleft() if self._frames else None), False
