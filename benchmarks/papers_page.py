@@ -24,13 +24,14 @@ PAGE = DOCS / "explanation" / "papers-item-by-item.md"
 IMAGES = DOCS / "images" / "papers"
 INTRODUCTION = """\
 *Simulated. Written by `python -m benchmarks.papers_page --write`, which does what \
-[`torquebench papers`](source-papers.md) does; tables of more than 50 cells are left out here. \
+[`torquebench papers`](source-papers.md) does; tables of more than 24 cells are only there. \
 Verdicts on simulated benches say what the method can reach, not what a real bench does.*
 
 """
-LARGEST_TABLE = 50
+LARGEST_TABLE = 24
 """Largest number of cells of a table in the documentation; the command's own page has all
 tables."""
+LEFT_OUT = "*Tables in the page of the command.*"
 REPEATED = "groups at other torques"
 """Part of the captions of tables that repeat other tables of the item for other torques."""
 COMMON_NAME = "Simulated reducer bench, preset nominal, "
@@ -67,7 +68,7 @@ def _table(table: Table) -> str:
     cells = (1 + len(table.rows)) * len(table.header)
     large = cells > LARGEST_TABLE and not table.caption.startswith(WHOLE)
     if large or REPEATED in table.caption:
-        return f"*In the page of the command: {len(table.rows)} rows.*"
+        return ""
     align = "---" if table.words else "---:"
     lines = [
         "| " + " | ".join(map(_cell, table.header)) + " |",
@@ -92,17 +93,19 @@ def markdown(page: Page, images: Path) -> str:
 def _section(section: Section, images: Path) -> Iterator[str]:
     yield section.text
     number, drawn = section.heading.partition(".")[0], 0
+    shown = []
     for block in section.blocks:
         if isinstance(block, Facts):
             rows = "\n".join(f"| {_cell(name)} | {_cell(value)} |" for name, value in block.items)
-            yield f"| what | value |\n| --- | --- |\n{rows}"
+            shown.append(f"| what | value |\n| --- | --- |\n{rows}")
         elif isinstance(block, Table):
-            yield _table(_verdicts(block) if section.heading == "Summary" else block)
+            shown.append(_table(_verdicts(block) if section.heading == "Summary" else block))
         elif isinstance(block, Figure | Diagram):
             drawn += 1
             path = images / f"item-{number}-{drawn}.svg"
             path.write_text(smaller(block.svg), encoding="utf-8")
-            yield f"![Item {number}](../images/papers/{path.name})\n\n*{block.caption}*"
+            shown.append(f"![Item {number}](../images/papers/{path.name})\n\n*{block.caption}*")
+    yield from shown if any(shown) else [LEFT_OUT]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

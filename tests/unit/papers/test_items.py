@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.papers_page import markdown, smaller
+from benchmarks.papers_page import LEFT_OUT, markdown, smaller
 
 from torquebench.bench.mounting_record import COAXIALITY_LIMIT_MM
 from torquebench.figures import Curve
@@ -95,7 +95,7 @@ def test_the_documentations_page_is_current_in_its_words() -> None:
         section = rest.partition("\n## ")[0]
         assert f"Papers: {item.theirs}. Here: " in section
         assert f"Command: {item.command}." in section
-        shown = ("| --- |", "](../images/papers/item-", "*In the page of the command: ")
+        shown = ("| --- |", "](../images/papers/item-", LEFT_OUT)
         assert any(words in section for words in shown), number
 
 
