@@ -64,9 +64,9 @@ def _places(
 ) -> tuple[FloatArray, FloatArray]:
     """Return readings, and play positions for two initial positions, both in columns of chunks.
 
-    A reading clamps a position to its own value ± the width. Successive clamps combine to one
-    clamp, so that chunks of readings are evaluated in parallel: the clamps of each chunk are
-    combined, which gives the position at its start. The results equal those of a loop over readings
+    A reading clamps a position to its own value ± the width. All clamps of a chunk of readings
+    together are one clamp, which gives the positions at the start of the next chunk. The readings
+    of all chunks are then followed side by side. The results equal those of a loop over readings
     bit by bit.
 
     The last of n readings fills up the last chunk, which doesn't move the operators. Shapes: widths

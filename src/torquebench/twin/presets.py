@@ -133,7 +133,7 @@ def draw_chain(
     geometry: tuple[Chain, Chain],
     wear: float,
 ) -> ChainConstants:
-    """Draw the deviations from the equations, around the geometry's coefficients."""
+    """Draw a chain that deviates from the papers' equations, with the geometry's coefficients."""
     scale = design.range_nm
     clockwise, counterclockwise = (coefficients(chain) for chain in geometry)
     bumps = [_signed(generator, 1.8e-4, 3.8e-4) * wear * scale for _ in range(4)]
