@@ -1,12 +1,13 @@
 """What all tests share: reference data, isolation, and a watch on threads and tasks left behind."""
 
+import gc
 import itertools
 import logging
 import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
 # Before NumPy and Matplotlib are imported: one thread each, since tests run side by side.
@@ -58,6 +59,31 @@ _LONG = (
     "test_reevaluation_postgresql.py",
 )
 """With a test of twenty seconds or more: begun last, it would leave the other processor idle."""
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """By day don't import what runs at night."""
+    return (
+        True
+        if collection_path == _REPOSITORY / "tests" / "nightly"
+        and "not nightly" in config.option.markexpr
+        else None
+    )
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file(
+    file_path: Path,
+) -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
+    """Look for examples in sources alone: tests would be imported and searched twice."""
+    collectors = yield
+    return [each for each in collectors if "src" in file_path.parts or type(each) is pytest.Module]
+
+
+def pytest_collection_finish() -> None:
+    """Let no collection of garbage look again at a million objects of modules and tests."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
