@@ -59,9 +59,9 @@ def confirm(ana: Visitor) -> None:
 
 def commands(person: Visitor) -> bool:
     """Take command unless a test before has left it with the person; say whether it is theirs."""
-    if CHINESE("frame.give_command") in person.text:
+    if CHINESE("Give up command") in person.text:
         return True
-    label = CHINESE("frame.take_command")
+    label = CHINESE("Take command")
     for found in person.driver.find_elements(By.XPATH, f"//button[contains(., '{label}')]"):
         if found.is_displayed():
             found.click()
@@ -73,25 +73,48 @@ def test_an_interrupted_calibration_is_gone_on_with_by_whoever_is_at_the_bench(
     ana: Visitor,
 ) -> None:
     ana.open("/calibrate")
-    all_chinese(ana, "preview.title", "prepare.check_presence")
-    ana.fill(CHINESE.core("Step size"), "10")
+    all_chinese(ana, "Dry run", "Somebody is in command and has confirmed presence at the bench")
+    ana.fill(CHINESE("Step size"), "10")
     ana.wait(lambda: commands(ana), "command of the bench")
-    ana.sees(CHINESE("presence.none"))
-    ana.press(CHINESE("presence.button"))
-    ana.sees(CHINESE("presence.left", seconds=3600)[:20])
-    ana.press(CHINESE("prepare.start"))
-    first = CHINESE("measure.last", number="#", reading="", standard="", error="").partition("#")[0]
+    ana.sees(
+        CHINESE(
+            "The drives have power only while somebody is at the bench. Take command "
+            "there and confirm."
+        )
+    )
+    ana.press(CHINESE("I am at the bench"))
+    ana.sees(
+        CHINESE(
+            "The drives have power only while somebody is at the bench. Confirmed for "
+            "{seconds} s more.",
+            seconds=3600,
+        )[:20]
+    )
+    ana.press(CHINESE("Start calibration"))
+    first = CHINESE(
+        "Point {number}: reading {reading}, standard {standard}, error {error} N·m",
+        number="#",
+        reading="",
+        standard="",
+        error="",
+    ).partition("#")[0]
     ana.sees(first)
-    ana.press(CHINESE("job.pause"))
-    all_chinese(ana, "job.state_paused")
-    ana.press(CHINESE("job.abort"))
+    ana.press(CHINESE("Pause"))
+    all_chinese(ana, "paused, no torque")
+    ana.press(CHINESE("Abort"))
     confirm(ana)
-    all_chinese(ana, "job.state_aborted", "resume.title")
-    ana.press(CHINESE("resume.button"))
+    all_chinese(ana, "aborted", "A calibration was interrupted")
+    ana.press(CHINESE("Go on with it"))
     confirm(ana)
-    all_chinese(ana, "models.before_after", "models.compare_explained")
+    all_chinese(
+        ana,
+        "Before and after",
+        "Every kind of model is fitted repeatedly with points left out, and its "
+        "errors are computed at those points. This takes some minutes; the bench "
+        "isn't moved.",
+    )
     assert "40" in ana.text
-    ana.press(CHINESE("frame.give_command"))
+    ana.press(CHINESE("Give up command"))
     assert ana.problems() == []
 
 
@@ -99,9 +122,9 @@ def test_a_table_from_elsewhere_is_looked_at_entered_and_taken_up(
     ana: Visitor, tmp_path: Path
 ) -> None:
     ana.open("/records")
-    all_chinese(ana, "records.runs")
+    all_chinese(ana, "Runs")
     ana.driver.find_element(By.CSS_SELECTOR, ".tabs button:nth-child(2)").click()
-    ana.press(CHINESE("external.open"))
+    ana.press(CHINESE("Enter external calibration"))
     chosen = ana.wait(
         lambda: ana.driver.find_element(By.CSS_SELECTOR, "input[type=file]"), "a place for a file"
     )
@@ -119,8 +142,8 @@ def test_a_table_from_elsewhere_is_looked_at_entered_and_taken_up(
         ("Standard, serial number", "R-9"),
         ("Measured by", "Ana"),
     ):
-        ana.fill(CHINESE.core(title), value)
-    look = CHINESE.core("Check first")
+        ana.fill(CHINESE(title), value)
+    look = CHINESE("Check first")
     ana.press(look)
     ana.sees("'many'")
     assert ana.english("wrong.csv") == []
@@ -129,28 +152,32 @@ def test_a_table_from_elsewhere_is_looked_at_entered_and_taken_up(
     chosen.send_keys(str(stated))
     ana.sees("stated.csv")
     ana.press(look)
-    ana.sees(CHINESE.core("Static evaluation"))
-    ana.sees(CHINESE.core("Clockwise"))
+    ana.sees(CHINESE("Static evaluation"))
+    ana.sees(CHINESE("Clockwise"))
     assert ana.english() == []
-    ana.press(CHINESE("job.start"))
+    ana.press(CHINESE("Start"))
     ana.sees("calibration-")
     entered = re.search(r"calibration-(\d+)", ana.text)
     assert entered is not None
     ana.open(f"/calibrations/{entered[1]}")
-    all_chinese(ana, "models.before_after", "models.compare")
+    all_chinese(ana, "Before and after", "Compare all models")
     assert "100" in ana.text
-    ana.press(CHINESE("calibrate.again"))
-    all_chinese(ana, "preview.title", "prepare.check_presence")
+    ana.press(CHINESE("Begin another calibration"))
+    all_chinese(ana, "Dry run", "Somebody is in command and has confirmed presence at the bench")
     assert ana.problems() == []
 
 
 def test_an_alarm_says_what_it_is_and_what_to_do(ana: Visitor) -> None:
     ana.open("/alarms")
     ana.driver.find_element(By.CSS_SELECTOR, "[data-stop]").click()
-    all_chinese(ana, "alarm.stop_requested", "alarm.stop_requested_do")
-    ana.press(CHINESE("alarms.acknowledge", who="Ana"))
-    all_chinese(ana, "alarms.none", "alarms.history")
-    for path, key in (("/", "chart.cursors"), ("/reducer", "preview.title"),
-                      ("/settings", "settings.bench")):  # fmt: skip
+    all_chinese(
+        ana,
+        "Stopped by a person",
+        "Ask why it was stopped. Acknowledge when the bench is safe to move.",
+    )
+    ana.press(CHINESE("Acknowledge as {who}", who="Ana"))
+    all_chinese(ana, "No active alarms. The bench may move.", "Earlier alarms")
+    for path, key in (("/", "Cursors"), ("/reducer", "Dry run"),
+                      ("/settings", "Channels and limits")):  # fmt: skip
         ana.open(path)
         all_chinese(ana, key)

@@ -80,29 +80,29 @@ def test_they_are_named_on_the_page_and_a_person_decides_for_the_model(
     ana: Visitor, doubtful: tuple[Path, int]
 ) -> None:
     folder, model_id = doubtful
-    ana.sees(CHINESE("records.doubtful"))
+    ana.sees(CHINESE("Doubtful"))
     ana.sees("时钟被拨回")
     assert ana.english() == []
     ana.driver.find_element(By.CSS_SELECTOR, ".tabs button:nth-child(2)").click()
     ana.sees("已于 2021-01-15 到期")
-    ana.press(CHINESE("records.compare"))
-    ana.press(CHINESE("records.take_up", number=1))
-    ana.sees(CHINESE("models.before_after"))
-    ana.press(CHINESE("calibrate.next"))
-    ana.press(CHINESE("calibrate.next"))
-    ana.sees(CHINESE("sign.contradicts"))
+    ana.press(CHINESE("Compare"))
+    ana.press(CHINESE("Open calibration {number} in the wizard", number=1))
+    ana.sees(CHINESE("Before and after"))
+    ana.press(CHINESE("Next step"))
+    ana.press(CHINESE("Next step"))
+    ana.sees(CHINESE("This calibration contradicts itself"))
     assert ana.english() == []
-    if CHINESE("frame.give_command") not in ana.text:
-        ana.press(CHINESE("frame.take_command"))
-    ana.fill(CHINESE("sign.password"), PEOPLE["Ana"][1])
-    ana.press(CHINESE("sign.button"))
-    ana.sees(CHINESE("sign.despite_missing"))
+    if CHINESE("Give up command") not in ana.text:
+        ana.press(CHINESE("Take command"))
+    ana.fill(CHINESE("Your password"), PEOPLE["Ana"][1])
+    ana.press(CHINESE("Sign and put into use"))
+    ana.sees(CHINESE("Say why, or find the cause and calibrate again."))
     with Registry.open(folder / "data") as registry:
         assert registry.activations("SIM-T50") == [], "nothing is used without a reason"
-    ana.fill(CHINESE("sign.despite"), REASON)
-    ana.fill(CHINESE("sign.password"), PEOPLE["Ana"][1])
-    ana.press(CHINESE("sign.button"))
-    ana.sees(CHINESE("sign.done"))
+    ana.fill(CHINESE("Why the model is used nevertheless, for the record"), REASON)
+    ana.fill(CHINESE("Your password"), PEOPLE["Ana"][1])
+    ana.press(CHINESE("Sign and put into use"))
+    ana.sees(CHINESE("Signed. The readings are compensated by the chosen model from now on."))
     with Registry.open(folder / "data") as registry:
         (decision,) = registry.activations("SIM-T50")
     assert decision.model_id == model_id

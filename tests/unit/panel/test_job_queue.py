@@ -159,7 +159,7 @@ def test_results_have_an_address_that_outlives_the_server(tmp_path: Path) -> Non
         assert check.result is not None
         assert again.result.plain() == check.result.plain()
         assert (again.finished, again.stages) == (check.finished, check.stages)
-        assert Text("zh").core(again.result.headline) == Text("zh").core(check.result.headline)
+        assert Text("zh")(again.result.headline) == Text("zh")(check.result.headline)
         assert texts_of(again.result.page()) == texts_of(check.result.page())
         with pytest.raises(NotFoundError):
             service.jobs.get("0" * 12)

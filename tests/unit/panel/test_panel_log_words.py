@@ -1,5 +1,6 @@
 """The log and the columns of a run are said in words, in both languages."""
 
+import ast
 import re
 from pathlib import Path
 
@@ -20,6 +21,19 @@ def test_every_action_of_the_log_is_said_in_chinese() -> None:
     assert [said for said in sorted(actions) if translated(said, "zh") == said] == []
 
 
+def test_every_detail_of_the_log_is_labelled_in_chinese() -> None:
+    keys = {
+        keyword.arg
+        for file in SERVICE.rglob("*.py")
+        for call in ast.walk(ast.parse(file.read_text("utf-8")))
+        if isinstance(call, ast.Call) and ast.unparse(call.func).rpartition(".")[2].endswith("note")
+        for keyword in call.keywords
+        if keyword.arg not in (None, "request")
+    }
+    assert {"job_id", "users", "place", "bench_time_s"} <= keys
+    assert [key for key in keys if re.search("[a-z_]{3}", details_said(Text("zh"), {key: 1}))] == []
+
+
 def test_details_leave_out_what_nobody_filled_in() -> None:
     request = {"mounting": {"coaxiality_mm": None, "by": ""}, "step_percent": 20.0,
                "models": ["hybrid"], "bench_clear": False}  # fmt: skip
@@ -27,7 +41,7 @@ def test_details_leave_out_what_nobody_filled_in() -> None:
     assert details_said(Text("en"), details) == (
         "job: 7ed3; kind: calibrate; Step size, %: 20; Models: physics + Gaussian process"
     )
-    assert details_said(Text("zh"), {"accepted": False, "state": "done"}) == "接受: 否; 状态: 完成"
+    assert details_said(Text("zh"), {"done": False, "state": "done"}) == "完成: 否; 状态: 完成"
     assert details_said(Text("zh"), {"address": "test"}) == "地址: test"
     trigger = {"kind": "record", "request": {"trigger": {"signal": "output_speed_rpm"}}}
     assert details_said(Text("en"), trigger).endswith(": Output, speed")

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from torquebench.bench.description import default_bench
 from torquebench.errors import InputError
-from torquebench.panel.pages.settings.names import group_title, setting_title
+from torquebench.panel.pages.settings.names import group_title, labels, setting_title
 from torquebench.panel.service import (
     Actor,
     BusyError,
@@ -279,7 +279,7 @@ def test_every_setting_has_a_plain_label_and_range(
     for section, key in labelled():
         label, unit = setting_title(text, key), unit_of_name(key)
         assert "_" not in label, (section, key)
-        hint = text.core(settings.allowed(section, key, unit))
+        hint = text(settings.allowed(section, key, unit))
         assert not re.search(r"\de[+-]?\d|_|'", hint), (section, key, hint)
         assert not (unit and hint) or not hint[-1].isdecimal(), (section, key, hint)
         if language == "zh":
@@ -287,7 +287,7 @@ def test_every_setting_has_a_plain_label_and_range(
             assert not any(re.search("[a-z]{3,}", each) for each in words), (key, words)
         for choice in settings.choices(section, key):
             if not isinstance(choice, int):
-                said = text.maybe(f"setting_choice.{choice}", "")
+                said = choice in labels()["setting_choice"]
                 assert said or section == "reducers", (key, choice)
 
 

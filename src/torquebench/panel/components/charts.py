@@ -243,5 +243,5 @@ class Chart:
 
 def error_chart(text: Text, label: str, lines: Sequence[Line] = (), *, tall: bool = False) -> Chart:
     """Make a chart of errors over the standard's torque; `label` is the key of its description."""
-    axes = text("measure.standard_axis"), text("measure.error_axis")
+    axes = text("standard, N·m"), text("error, N·m")
     return Chart(text(label), *axes, lines, tall=tall)

@@ -213,8 +213,8 @@ class NumberField(Field):
 
 def tolerance_field(text: Text) -> NumberField:
     """Add an input for a tolerance in % of full scale."""
-    said = text("verify.tolerance_wrong")
-    return NumberField(text("verify.tolerance"), "0.1", said, unit="% FS")
+    said = text("A number in % of full scale, such as 0.1.")
+    return NumberField(text("Tolerance"), "0.1", said, unit="% FS")
 
 
 class Choice:

@@ -38,7 +38,7 @@ def sheet(title: str) -> Iterator[Any]:
 def foot(text: Text, dialog: Any) -> Iterator[None]:
     """Add the buttons below a dialog; the first one closes it."""
     with box("div", "line end"):
-        button(text("frame.close"), dialog.close, "quiet")
+        button(text("Close"), dialog.close, "quiet")
         yield
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from inspect import iscoroutine
@@ -207,20 +207,20 @@ def scrolling(label: str) -> Any:
 
 
 def headings(
-    text: Callable[[str], str], page: str, keys: str, numbers: str = ""
+    text: Callable[[str], str], *titles: str, numbers: Collection[str] = ()
 ) -> list[tuple[str, bool]]:
-    """Return a table's columns: headings by their keys, and whether they contain numbers.
+    """Return a table's columns in the visitor's language, and whether they contain numbers.
 
     Parameters
     ----------
     text : callable
         Texts in the visitor's language.
-    page : str
-        Page whose texts contain the headings.
-    keys, numbers : str
-        Keys of all columns and of those with numbers, separated by spaces.
+    *titles : str
+        Headings in English.
+    numbers : collection of str
+        Those of the columns with numbers.
     """
-    return [(text(f"{page}.{key}"), key in numbers.split()) for key in keys.split()]
+    return [(text(title), title in numbers) for title in titles]
 
 
 def table(

@@ -23,9 +23,7 @@ class Messages:
     def __init__(self, text: Text) -> None:
         self._text = text
         self._shown: list[Any] = []
-        self._region = box(
-            "aside", "messages", aria_live="polite", aria_label=text("frame.messages")
-        )
+        self._region = box("aside", "messages", aria_live="polite", aria_label=text("Messages"))
 
     def good(self, said: str) -> None:
         """Show a success for a while."""
@@ -55,7 +53,7 @@ class Messages:
                     words("div", said)
                     if more:
                         words("div", more, "small muted")
-                close = box("button", type="button", aria_label=self._text("frame.dismiss"))
+                close = box("button", type="button", aria_label=self._text("Dismiss this message"))
                 with close:
                     icon("close")
                 on_press(close, lambda: self._dismiss(shown, on_dismiss))

@@ -33,7 +33,7 @@ LINES = ("-", "--", ":", "")
 def show_page(text: Text, page: Page) -> None:
     """Show every section in a separate panel; details are collapsed."""
     for section in page.sections:
-        heading = text.core(section.heading) or text.core(page.title)
+        heading = text(section.heading) or text(page.title)
         if section.detail:
             with panel(), box("details"):
                 words("summary", heading)
@@ -46,7 +46,7 @@ def show_page(text: Text, page: Page) -> None:
 
 def _content(text: Text, section: Section) -> None:
     if section.text:
-        words("p", text.core(section.text))
+        words("p", text(section.text))
     show_blocks(text, section.blocks)
 
 
@@ -54,7 +54,7 @@ def show_blocks(text: Text, blocks: Iterable[Block]) -> None:
     """Show the content of a section."""
     for block in blocks:
         if isinstance(block, Facts):
-            pairs([(text.core(name), text.core(value)) for name, value in block.items])
+            pairs([(text(name), text(value)) for name, value in block.items])
         elif isinstance(block, Table):
             _table(text, block)
         elif isinstance(block, Diagram):
@@ -68,11 +68,11 @@ def show_blocks(text: Text, blocks: Iterable[Block]) -> None:
 def _table(text: Text, block: Table) -> None:
     sentences = block.sentences
     columns = [
-        (text.core(heading), not (number == 0 or block.words or sentences[number]))
+        (text(heading), not (number == 0 or block.words or sentences[number]))
         for number, heading in enumerate(block.header)
     ]
-    rows = [[minus_signs_of(text.core(cell)) for cell in row] for row in block.rows]
-    caption = text.core(block.caption)
+    rows = [[minus_signs_of(text(cell)) for cell in row] for row in block.rows]
+    caption = text(block.caption)
     table(caption, columns, rows, best=block.emphasised)
     if caption:
         words("p", caption, "small muted")
@@ -89,18 +89,18 @@ def show_diagram(text: Text, diagram: Diagram, *, tall: bool = False) -> None:
         for part in diagram.panels:
             with box("div"):
                 if part.title:
-                    words("h3", text.core(part.title))
-                label = text.core(part.title) or text.core(diagram.caption)
+                    words("h3", text(part.title))
+                label = text(part.title) or text(diagram.caption)
                 Chart(
                     label,
-                    text.core(part.abscissa),
-                    text.core(part.ordinate),
+                    text(part.abscissa),
+                    text(part.ordinate),
                     _lines(text, part),
                     tall=tall,
                     logarithmic=part.logarithmic,
                 )
     if diagram.caption:
-        words("p", text.core(diagram.caption), "small muted")
+        words("p", text(diagram.caption), "small muted")
 
 
 def _lines(text: Text, part: Panel) -> list[Line]:
@@ -110,7 +110,7 @@ def _lines(text: Text, part: Panel) -> list[Line]:
         points = part.markers or curve.style not in LINES
         lines.append(
             Line(
-                text.core(curve.label) or text.core(part.ordinate),
+                text(curve.label) or text(part.ordinate),
                 np.asarray(curve.x).tolist(),
                 np.asarray(curve.y).tolist(),
                 "--series-raw" if curve.raw else next(colours),
@@ -123,21 +123,21 @@ def _lines(text: Text, part: Panel) -> list[Line]:
             float(x) for curve in part.curves for x in (min(curve.x), max(curve.x))
         ]
         low, high = min(part.limits), max(part.limits)
-        lines.append(limit_lines(text.core("limit"), min(xs), max(xs), low, high))
+        lines.append(limit_lines(text("limit"), min(xs), max(xs), low, high))
     return lines
 
 
 def _figure(text: Text, figure: Figure) -> None:
     with box("figure", "figure drawing"):
         ui.html(figure.svg, sanitize=False)
-        words("figcaption", text.core(figure.caption), "small muted")
+        words("figcaption", text(figure.caption), "small muted")
 
 
 def _drawings(text: Text, drawings: Drawings) -> None:
     """Draw on another thread, and show the figures when they are done."""
     place = box("div", "stack", aria_busy="true")
     with place:
-        words("p", text.core("Drawing the figures"), "muted")
+        words("p", text("Drawing the figures"), "muted")
 
     async def show() -> None:
         drawn = await in_thread(lambda: [Figure(*each) for each in drawings.draw()])

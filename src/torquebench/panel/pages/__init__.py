@@ -1,7 +1,7 @@
 """The panel's pages, which register themselves by `page` and use only the panel's service.
 
-`register_pages(service)` adds them to NiceGUI's application. A new page is one module here with its
-texts in `panel/text/en.toml` and `translations/zh/`.
+`register_pages(service)` adds them to NiceGUI's application. A new page is one module here with the
+Chinese of its texts in `translations/zh/`.
 """
 
 from torquebench.panel.pages.page import PAGES

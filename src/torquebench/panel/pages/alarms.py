@@ -21,14 +21,11 @@ from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.page import page
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import AlarmView
+from torquebench.panel.text import ALARM_REMEDIES
 
 __all__ = ["alarms_page"]
 
 HISTORY = 50
-
-
-def _key(alarm: AlarmView) -> str:
-    return alarm.kind.replace(" ", "_")
 
 
 class _AlarmsPage:
@@ -39,8 +36,8 @@ class _AlarmsPage:
 
     def build(self) -> None:
         with box("div", "stack"):
-            self._active = box("div", "stack", role="region", aria_label=self.text("alarms.now"))
-            with panel(self.text("alarms.history")):
+            self._active = box("div", "stack", role="region", aria_label=self.text("Active alarms"))
+            with panel(self.text("Earlier alarms")):
                 self._history = box("div")
 
     def refresh(self) -> None:
@@ -62,51 +59,62 @@ class _AlarmsPage:
                 for alarm in active:
                     self._card(alarm)
             else:
-                note(self.text("alarms.none"), "good")
+                note(self.text("No active alarms. The bench may move."), "good")
 
     def _acknowledging(self, active: list[AlarmView]) -> None:
         text = self.text
         critical = any(alarm.level == "critical" for alarm in active)
         with panel(), box("div", "spread"):
-            words("p", text("alarms.latched" if critical else "alarms.warnings"))
+            words(
+                "p",
+                text(
+                    "The bench is without torque and doesn't move until the cause is removed "
+                    "and a person acknowledges the alarm."
+                    if critical
+                    else "Warnings: the bench continues."
+                ),
+            )
             name = self.visitor.looker.name
             button(
-                text("alarms.acknowledge", who=name), self._acknowledge, "primary", picture="check"
+                text("Acknowledge as {who}", who=name),
+                self._acknowledge,
+                "primary",
+                picture="check",
             )
 
     def _card(self, alarm: AlarmView) -> None:
-        text, key = self.text, _key(alarm)
+        text = self.text
         kind = "bad" if alarm.level == "critical" else "warn"
-        with note(text.core(alarm.found), kind, title=text.alarm(alarm.kind)), box("div", "stack"):
+        with note(text(alarm.found), kind, title=text.alarm(alarm.kind)), box("div", "stack"):
             with box("div", "line small"):
-                tag(text(f"alarms.{alarm.level}"), kind)
+                tag(text("stops the bench" if alarm.level == "critical" else "warning"), kind)
                 moment(alarm.raised, seconds=True)
-                words("span", text("alarms.source", source=text.core(alarm.source)))
+                words("span", text("from {source}", source=text(alarm.source)))
             if alarm.allowed:
-                words("p", text("alarms.allowed", allowed=text.core(alarm.allowed)))
-            remedies = [text.maybe(f"alarm.{key}_do", "")]
-            if alarm.remedy and key != "stop_requested":  # the core's remedy would repeat it
+                words("p", text("Allowed: {allowed}", allowed=text(alarm.allowed)))
+            remedies = [text(ALARM_REMEDIES.get(alarm.kind, ""))]
+            if alarm.remedy and alarm.kind != "stop requested":  # the core's remedy would repeat it
                 remedies.append(text.sentence(alarm.remedy))
-            words("p", text("alarms.what_to_do", remedy=" ".join(filter(None, remedies))))
+            words("p", text("What to do: {remedy}", remedy=" ".join(filter(None, remedies))))
 
     def _list(self, alarms: list[AlarmView]) -> None:
         text = self.text
         if not alarms:
-            empty(text("alarms.no_history"), "notifications_none")
+            empty(text("No earlier alarms since the bench was opened."), "notifications_none")
             return
         rows = [
             (
                 alarm.raised,
                 text.alarm(alarm.kind),
-                text.core(alarm.found),
-                text("alarms.by", who=alarm.acknowledged_by)
+                text(alarm.found),
+                text("acknowledged by {who}", who=alarm.acknowledged_by)
                 if alarm.acknowledged_by
-                else text("alarms.went"),
+                else text("ended by itself"),
             )
             for alarm in sorted(alarms, key=lambda alarm: -alarm.number)[:HISTORY]
         ]
-        columns = headings(text, "alarms", "when what cause end")
-        table(text("alarms.history"), columns, rows)
+        columns = headings(text, "When (UTC)", "Alarm", "Cause", "How it ended")
+        table(text("Earlier alarms"), columns, rows)
 
     def _acknowledge(self) -> None:
         seen = [alarm.alarm_id for alarm in self._stood or ()]
@@ -114,7 +122,7 @@ class _AlarmsPage:
         self.refresh()
 
 
-@page("alarms", "/alarms", picture="notifications", place=6)
+@page("alarms", "/alarms", "Alarms", picture="notifications", place=6)
 def alarms_page(visitor: Visitor) -> None:
     """Build the page of the alarms."""
     page = _AlarmsPage(visitor)

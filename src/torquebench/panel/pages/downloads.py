@@ -19,7 +19,7 @@ def certificate_buttons(visitor: Visitor, number: str, files: Sequence[str]) -> 
     with box("div", "line"):
         for name in files:
             button(
-                visitor.text("certificate.fetch", name=name),
+                visitor.text("Download {name}", name=name),
                 partial(_fetch, visitor, number, name),
                 picture="download",
             )

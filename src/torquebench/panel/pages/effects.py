@@ -9,6 +9,7 @@ from torquebench.bench.roles import Side
 from torquebench.chain import EffectState
 from torquebench.panel.components.elements import (
     box,
+    headings,
     on_press,
     refilled,
     scrolling,
@@ -16,6 +17,7 @@ from torquebench.panel.components.elements import (
     words,
 )
 from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.text import Texts
 from torquebench.units import minus_signs
 
 __all__ = ["EffectsTable"]
@@ -28,6 +30,15 @@ ICONS = {
     "off": "toggle_off",
     "missing": "warning",
 }
+STATES: Texts = {
+    "holds": "Within its range",
+    "outside": "Outside: {detail}",
+    "unmeasured": "In U only, not measured: {detail}",
+    "missing": "Not in U, because no record exists",
+    "off": "Switched off, in U",
+}
+TITLES: Texts = {"input": "Effects on the input torque", "output": "Effects on the output torque"}
+NUMBERS = ("Contribution, N·m", "u, N·m")
 DECIMALS: dict[Side, int] = {"input": 4, "output": 3}
 
 
@@ -46,7 +57,7 @@ class EffectsTable:
         self._shown: tuple[Any, ...] | None = None
         self._open = False
         with box("details", "panel fold") as fold:
-            words("summary", self._text(f"live.effects_{side}"))
+            words("summary", self._text(TITLES[side]))
             self._place = box("div", "stack")
         fold.on("toggle", self._toggled, js_handler="(event) => emit(event.target.open)")
 
@@ -76,43 +87,45 @@ class EffectsTable:
         return minus_signs(f"{value:{'+' if sign else ''}.{decimals}f}")
 
     def _build(self, states: Sequence[EffectState], *, may: bool) -> None:
-        text, label = self._text, self._text(f"live.effects_{self._side}")
+        text, label = self._text, self._text(TITLES[self._side])
         self._numbers.clear()
         with refilled(self._place):
             if not states:
-                words("p", text("live.no_effects"), "muted")
+                words("p", text("Not compensated: only the raw reading is available."), "muted")
                 return
             with scrolling(label), box("table", "data compact"):
                 words("caption", label, "hidden-visually")
                 with box("thead"), box("tr"):
-                    for key, numeric in (
-                        ("effect", False),
-                        ("contribution", True),
-                        ("effect_u", True),
-                        ("state", False),
-                        ("switch", False),
+                    for heading, numeric in headings(
+                        text, "Effect", *NUMBERS, "State", "Correction", numbers=NUMBERS
                     ):
-                        heading = text(f"live.{key}")
                         words("th", heading, "number" if numeric else "", scope="col")
                 with box("tbody"):
                     for state in states:
                         self._row(state, may=may)
-            words("p", text("live.switch_until"), "small muted")
+            words(
+                "p",
+                text(
+                    "Corrections that are switched off remain off until the bench is closed. U "
+                    "contains their effect."
+                ),
+                "small muted",
+            )
 
     def _row(self, state: EffectState, *, may: bool) -> None:
-        text, name = self._text, self._text.core(state.name)
+        text, name = self._text, self._text(state.name)
         with box("tr", data_effect=state.name):
             words("th", name, scope="row", title=state.record)
             self._numbers[state.name] = (words("td", "", "number"), words("td", "", "number"))
-            detail = text.core(state.detail)
+            detail = text(state.detail)
             if state.state == "unmeasured":
-                detail = ", ".join(text.core(quantity) for quantity in state.detail.split(", "))
+                detail = ", ".join(text(quantity) for quantity in state.detail.split(", "))
             with box("td"):
-                said = text(f"live.{state.state}", detail=detail)
+                said = text(STATES[state.state], detail=detail)
                 tag(said, KINDS[state.state], ICONS[state.state])
             with box("td"):
                 if state.switch and may:
-                    word = text("live.switch_on" if state.state == "off" else "live.switch_off")
+                    word = text("Switch on" if state.state == "off" else "Switch off")
                     button = words(
                         "button", word, "control small", type="button",
                         aria_label=f"{word}: {name}",
@@ -121,7 +134,10 @@ class EffectsTable:
 
     def _switch(self, switch: str, name: str) -> None:
         """Toggle one correction, and keep the others."""
-        service, said = self._visitor.service, self._text("live.switched", name=name)
+        service, said = (
+            self._visitor.service,
+            self._text("{name}: the correction was changed.", name=name),
+        )
         off = {state.switch for state in service.effects(self._side) if state.state == "off"}
         off ^= {switch}
         self._visitor.act(

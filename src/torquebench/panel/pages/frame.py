@@ -21,7 +21,7 @@ from torquebench.panel.pages.page import PAGES
 from torquebench.panel.pages.view import part
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import AlarmView, BenchService, NotSignedInError
-from torquebench.panel.text import Text
+from torquebench.panel.text import JOB_STATES, Text
 
 __all__ = ["STOP", "frame", "head_html", "page_title"]
 
@@ -43,14 +43,29 @@ def page_title(title: str) -> str:
 def head_html(text: Text, look: str) -> str:
     """Return the head of every page; scripts are in separate files."""
     texts = {
-        "stopFailed": text("stop.failed"),
-        "lost": text("frame.lost"),
-        "reconnecting": text("frame.reconnecting"),
-        "unready": text("frame.unready"),
-        "unheard": text("frame.unheard", what="{what}"),
-        "changed": text("frame.changed", what="{what}"),
-        "savePicture": text("frame.save_picture"),
-        "saveTable": text("frame.save_table"),
+        "stopFailed": text(
+            "The stop did not reach the bench. Use the red emergency stop button on the machine."
+        ),
+        "lost": text("Connection to the bench lost. The values are old."),
+        "reconnecting": text(
+            "Trying to connect again. If this lasts, use the red emergency stop button "
+            "on the machine."
+        ),
+        "unready": text(
+            "Not connected yet: nothing was done. Press again once the button no longer waits."
+        ),
+        "unheard": text(
+            "The connection broke while “{what}” was pressed. Check whether it was "
+            "done before you press again.",
+            what="{what}",
+        ),
+        "changed": text(
+            "The page changed while “{what}” was pressed: nothing was done. Look at it "
+            "and press again.",
+            what="{what}",
+        ),
+        "savePicture": text("Save the chart as a picture"),
+        "saveTable": text("Save the chart's values as CSV"),
     }
     said = json.dumps(texts).replace("<", "\\u003c")
     return (
@@ -81,7 +96,7 @@ class _Frame:
         client = ui.context.client
         with client.layout:
             with box("div") as before:
-                words("a", self.text("navigation.skip"), "skip", href="#content")
+                words("a", self.text("Skip to the page's content"), "skip", href="#content")
                 self._bar()
                 self._rail(current)
             before.move(client.layout, 0)  # before the page's content, also for Tab
@@ -101,28 +116,28 @@ class _Frame:
             with box("div", "person"):
                 actor = self.visitor.looker
                 words("div", actor.name)
-                words("div", text.core(actor.role))
+                words("div", text(actor.role))
             with box("div", "optional"):
-                self._take = button(text("frame.take_command"), self._take_command, "quiet small")
-                self._give = button(text("frame.give_command"), self._give_command, "quiet small")
+                self._take = button(text("Take command"), self._take_command, "quiet small")
+                self._give = button(text("Give up command"), self._give_command, "quiet small")
             menu = Menu(self.visitor, self._take_command, self._give_command)
             opener = box(
                 "button",
                 "control quiet",
                 type="button",
-                aria_label=text("frame.menu"),
+                aria_label=text("Menu"),
                 aria_keyshortcuts="?",
                 data_menu="1",
             )
             with opener:
                 icon("menu")
             on_press(opener, menu.open)
-            stop = words("button", text("stop.button"), "stop")
-            label = text("stop.label")
+            stop = words("button", text("STOP"), "stop")
+            label = text("Stop the bench: zero torque, drives off (F8)")
             stop.props.update(STOP | {"aria-label": label, "title": label})
 
     def _rail(self, current: str) -> None:
-        with box("nav", "rail", aria_label=self.text("navigation.label")), box("ul"):
+        with box("nav", "rail", aria_label=self.text("Pages")), box("ul"):
             for page in sorted(PAGES.values(), key=lambda page: page.place):
                 if not page.place:
                     continue
@@ -138,7 +153,7 @@ class _Frame:
                     ),
                 ):
                     icon(page.picture)
-                    words("span", self.text(f"navigation.{page.name}"))
+                    words("span", self.text(page.title))
                     if page.name == "alarms":
                         self._count = words("span", "", "count")
 
@@ -152,14 +167,14 @@ class _Frame:
             icon("warning")
             self._alarm_text = words("div", "")
             if self._path != "/alarms":
-                link_button(self.text("frame.to_alarms"), "/alarms")
+                link_button(self.text("See the alarms"), "/alarms")
         self._alarm.set_visibility(False)
         self._lost = words("div", "", "note bad no-readings", role="alert")
         self._lost.set_visibility(False)
         self._presence = box("div", "note spread presence")
         with self._presence:
             self._presence_text = words("div", "", role="timer")
-            button(self.text("presence.button"), self._present, "primary", picture="person_pin")
+            button(self.text("I am at the bench"), self._present, "primary", picture="person_pin")
         self._presence.set_visibility(False)
 
     def refresh(self) -> None:
@@ -175,8 +190,15 @@ class _Frame:
         self._presence.set_visibility(service.presence_wanted and commands)
         if service.presence_wanted and commands:
             left = math.ceil(service.presence_left_s)
-            said = "presence.left" if left else "presence.none"
-            self._presence_text.set_text(text(said, seconds=left))
+            said = text(
+                "The drives have power only while somebody is at the bench. Confirmed for "
+                "{seconds} s more."
+                if left
+                else "The drives have power only while somebody is at the bench. Take command "
+                "there and confirm.",
+                seconds=left,
+            )
+            self._presence_text.set_text(said)
         snapshot = service.snapshot()
         latched = _latched(service) if snapshot.stopped else None
         shown = (
@@ -192,21 +214,28 @@ class _Frame:
         if shown == self._shown:
             return
         self._shown = shown
-        self._bench.set_text(text.core(snapshot.bench_name))
-        self._simulated.set_text(text("frame.simulated") if snapshot.simulated else "")
+        self._bench.set_text(text(snapshot.bench_name))
+        self._simulated.set_text(text("simulated") if snapshot.simulated else "")
         self._simulated.set_visibility(snapshot.simulated)
-        self._mounted.set_text(text("frame.mounted", what=text.core(snapshot.mounted)))
+        self._mounted.set_text(text("Mounted: {what}", what=text(snapshot.mounted)))
         self._command.set_text(command_words(text, commands, snapshot.commanded_by))
         self._take.set_visibility(not commands)
         self._give.set_visibility(commands)
         self._count.set_text(str(snapshot.alarms) if snapshot.alarms else "")
         self._alarm.set_visibility(latched is not None)
         if latched is not None:
-            self._alarm_text.set_text(text("frame.stopped", found=text.core(latched.found)))
+            self._alarm_text.set_text(
+                text("The bench is stopped: {found}", found=text(latched.found))
+            )
         self._lost.set_visibility(snapshot.connection != "live")
         if snapshot.connection != "live":
-            said = f"frame.connection_{snapshot.connection}"
-            self._lost.set_text(text(said, problem=text.core(snapshot.connection_problem)))
+            said = text(
+                "Bench lost: {problem}"
+                if snapshot.connection == "lost"
+                else "No new readings: {problem}",
+                problem=text(snapshot.connection_problem),
+            )
+            self._lost.set_text(said)
 
     def _notify(self) -> None:
         """Send the browser the newest alarm and the user's newest finished job."""
@@ -216,12 +245,12 @@ class _Frame:
         job = next((job for job in jobs if job.started_by == self.visitor.looker.label), None)
         news: dict[str, tuple[str, str]] = {}
         if alarm is not None:
-            said = f"{text.alarm(alarm.kind)}: {text.core(alarm.found)}"
+            said = f"{text.alarm(alarm.kind)}: {text(alarm.found)}"
             news["alarm"] = (alarm.alarm_id, said)
         if job is not None:
-            title = text.core(job.title)
-            state = text(f"job.state_{job.state}")
-            news["job"] = (job.job_id, text("job.ended", title=title, state=state))
+            title = text(job.title)
+            state = text(JOB_STATES[job.state])
+            news["job"] = (job.job_id, text("{title}: {state}", title=title, state=state))
         self._notice.set_text(json.dumps(news))
 
     def _present(self) -> None:
@@ -243,8 +272,8 @@ class _Frame:
 
         ask(
             text,
-            text("frame.take_command"),
-            text("frame.take_over", reason=text.core(reason)),
+            text("Take command"),
+            text("{reason}. Taking command away from somebody is recorded.", reason=text(reason)),
             take,
             danger=True,
         )
@@ -263,8 +292,8 @@ def _latched(service: BenchService) -> AlarmView | None:
 def command_words(text: Text, mine: bool, holder: str | None) -> str:
     """Return the text that states who commands the bench."""
     if mine:
-        return text("frame.you_command")
-    return text("frame.in_command", who=holder) if holder else text("frame.nobody_commands")
+        return text("You are in command")
+    return text("In command: {who}", who=holder) if holder else text("Nobody is in command")
 
 
 @contextmanager
@@ -276,7 +305,7 @@ def frame(
     `current` is the name of the page, or of the page to which it belongs in the navigation.
     """
     text = visitor.text
-    title = title or text(f"navigation.{current}")
+    title = title or text(PAGES[current].title)
     head(text, visitor.look, title)
     around = _Frame(visitor, current)
 

@@ -11,9 +11,11 @@ from torquebench.panel.components.controls import button
 from torquebench.panel.components.dialogs import foot, sheet
 from torquebench.panel.components.elements import box, words
 from torquebench.panel.pages.visitor import LANGUAGE_COOKIE, LOOK_COOKIE, LOOKS, Visitor
-from torquebench.panel.text import LANGUAGES, Text
+from torquebench.panel.text import LANGUAGES, Texts
 
 __all__ = ["Menu"]
+
+LOOK_TITLES: Texts = {"auto": "As the device", "light": "Light", "dark": "Dark"}
 
 
 class Menu:
@@ -27,37 +29,47 @@ class Menu:
         """Show the menu."""
         visitor, text = self._visitor, self._visitor.text
         actor = visitor.actor
-        with ui.context.client.content, sheet(text("menu.title")) as dialog:
-            role = text.core(actor.role)
-            words("p", text("menu.signed_in", who=actor.name, role=role))
+        with ui.context.client.content, sheet(text("Menu")) as dialog:
+            role = text(actor.role)
+            words("p", text("Signed in as {who}, {role}", who=actor.name, role=role))
             with box("div", "line"):
                 if visitor.commands:
-                    button(text("frame.give_command"), self._and_close(self._give, dialog))
+                    button(text("Give up command"), self._and_close(self._give, dialog))
                 else:
-                    button(text("frame.take_command"), self._and_close(self._take, dialog))
+                    button(text("Take command"), self._and_close(self._take, dialog))
                 with box("form", method="post", action="/panel/sign-out"):
-                    words("button", text("menu.sign_out"), "control", type="submit")
-            words("h3", text("menu.language"))
+                    words("button", text("Sign out"), "control", type="submit")
+            words("h3", text("Language"))
             with box("div", "line"):
-                for language in LANGUAGES:
-                    said = Text(language)("name.language")
+                for language, said in LANGUAGES.items():
                     chosen = language == text.language
                     _choice(said, LANGUAGE_COOKIE, language, chosen=chosen, lang=language)
-            words("h3", text("menu.look"))
+            words("h3", text("Theme"))
             with box("div", "line"):
                 for look in ("auto", *LOOKS):
                     chosen = look == (visitor.look or "auto")
-                    _choice(text(f"menu.look_{look}"), LOOK_COOKIE, look, chosen=chosen)
-            words("h3", text("menu.notices"))
-            words("p", text("menu.notices_explained"), "muted small")
+                    _choice(text(LOOK_TITLES[look]), LOOK_COOKIE, look, chosen=chosen)
+            words("h3", text("Notifications"))
+            words(
+                "p",
+                text(
+                    "A sound and a notification of this browser for each new alarm, and at the "
+                    "end of your jobs."
+                ),
+                "muted small",
+            )
             with box("div", "line"):
-                for value in ("on", "off"):
-                    said = text(f"menu.notices_{value}")
+                for value, said in (("on", text("On")), ("off", text("Off"))):
                     words("button", said, "control", type="button", data_notices=value)
-            words("h3", text("menu.shortcuts"))
+            words("h3", text("Keys"))
             with box("ul"):
-                for key in ("key_stop", "key_pages", "key_help", "key_tab"):
-                    words("li", text(f"menu.{key}"))
+                for said in (
+                    text("F8: stop the bench"),
+                    text("Alt+1, Alt+2 and so on: the pages, in their order"),
+                    text("?: this menu"),
+                    text("Tab, Shift+Tab, Enter, Space: move and press"),
+                ):
+                    words("li", said)
             with foot(text, dialog):
                 pass
 

@@ -19,10 +19,12 @@ class Page:
     Attributes
     ----------
     name : str
-        Name of the page; its title is the text `navigation.NAME`.
+        Name of the page.
     path : str
         Path of the page; parts in braces, such as ``/calibrations/{number}``, are in the visitor's
         query.
+    title : str
+        Title in English; a page that is not in the rail has one of its own.
     picture : str
         Icon in the navigation rail.
     place : int
@@ -33,6 +35,7 @@ class Page:
 
     name: str
     path: str
+    title: str
     picture: str
     place: int
     build: Build
@@ -42,11 +45,13 @@ PAGES: dict[str, Page] = {}
 """All pages by name; complete after `import_pages`."""
 
 
-def page(name: str, path: str, picture: str = "", place: int = 0) -> Callable[[Build], Build]:
+def page(
+    name: str, path: str, title: str = "", picture: str = "", place: int = 0
+) -> Callable[[Build], Build]:
     """Register the function that builds a page."""
 
     def enter(build: Build) -> Build:
-        PAGES[name] = Page(name, path, picture, place, build)
+        PAGES[name] = Page(name, path, title, picture, place, build)
         return build
 
     return enter

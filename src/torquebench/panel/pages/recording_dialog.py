@@ -35,36 +35,47 @@ def open_recording(visitor: Visitor) -> None:
             field.frame.set_visibility(kind == "level")
         at.frame.set_visibility(kind == "time")
 
-    with sheet(text("record.title")) as dialog:
-        words("p", text("record.explained"))
-        name = Field(text("record.name"), maxlength="80", autocomplete="off")
-        note = Field(text("record.note"), maxlength="500", autocomplete="off")
+    with sheet(text("Record all signals")) as dialog:
+        words(
+            "p",
+            text(
+                "Nothing is moved, and calibrations and tests go on beside it. Every "
+                "sample of torque, angle, speed and temperature goes into a run of the "
+                "records."
+            ),
+        )
+        name = Field(text("Name"), maxlength="80", autocomplete="off")
+        note = Field(text("Note"), maxlength="500", autocomplete="off")
         with box("div", "columns narrow"):
             duration = Field(
-                text("record.duration"),
+                text("Length"),
                 unit="s",
-                hint=text("record.duration_hint"),
+                hint=text("Empty: until you finish it."),
                 inputmode="decimal",
             )
             before = Field(
-                text("record.before"),
+                text("Also record before the start"),
                 "0",
                 unit="s",
-                hint=text("record.before_hint"),
+                hint=text("Up to 60 s."),
                 inputmode="decimal",
             )
-        options = {key: text(f"record.begin_{key}") for key in ("now", "level", "time")}
-        begins = Field(text("record.begins"), "now", options=options, on_change=shown)
+        options = {
+            "now": text("At once"),
+            "level": text("When a signal passes a level"),
+            "time": text("At a time"),
+        }
+        begins = Field(text("When it starts"), "now", options=options, on_change=shown)
         with box("div", "columns narrow"):
             signals: dict[str, str] = {name: column_title(text, name) for name in TRIGGER_SIGNALS}
-            signal = Field(text("live.signal"), TRIGGER_SIGNALS[0], options=signals)
-            ways = {key: text(f"record.{key}") for key in ("rising", "falling")}
-            way = Field(text("record.direction"), "rising", options=ways)
-            level = Field(text("record.level"), hint=text("record.level_hint"), inputmode="decimal")
-        at = Field(text("record.at"), kind="datetime-local", step="1")
+            signal = Field(text("Signal"), TRIGGER_SIGNALS[0], options=signals)
+            ways = {"rising": text("Rising signal"), "falling": text("Falling signal")}
+            way = Field(text("Direction"), "rising", options=ways)
+            level = Field(text("Level"), hint=text("N·m or rpm"), inputmode="decimal")
+        at = Field(text("Date and time"), kind="datetime-local", step="1")
         shown("now")
         with foot(text, dialog):
-            button(text("record.start"), start, "primary", picture="fiber_manual_record")
+            button(text("Record signals"), start, "primary", picture="fiber_manual_record")
     # The browser's time is local; the server needs the time zone.
     at.control.on(
         "change",

@@ -14,6 +14,7 @@ from torquebench.panel.pages.page import page
 from torquebench.panel.pages.users import UsersView
 from torquebench.panel.pages.view import View, tabs
 from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.text import Texts
 from torquebench.reports.certificate.laboratory import kept_letterhead
 
 __all__ = ["first_steps", "setup_page"]
@@ -21,6 +22,37 @@ __all__ = ["first_steps", "setup_page"]
 
 MOST_JOBS, MOST_CALIBRATIONS = 100, 10
 """Numbers of the newest jobs and calibrations that are looked at."""
+
+
+TABS: Texts = {
+    "steps": "First steps",
+    "bench": "New bench",
+    "instruments": "Instruments",
+    "laboratory": "Laboratory and customer",
+    "people": "People",
+}
+STEPS: Texts = {
+    "bench": "Check the description of the bench",
+    "instruments": "Check the instruments",
+    "people": "Add a second person",
+    "laboratory": "State the laboratory and its customer",
+    "calibration": "Calibrate a module",
+    "verification": "Verify the model",
+    "signature": "Sign off",
+    "certificate": "Issue the certificate",
+}
+EXPLAINED: Texts = {
+    "bench": "Transducers, standard, limits. A new bench is described under New bench; the panel "
+    "is then started with its file.",
+    "instruments": "Connections, signals, drives and clocks, before anything turns. The simulated "
+    "bench has none.",
+    "people": "One person measures, another one signs: an operator and a metrologist.",
+    "laboratory": "Certificates name both. The simulated bench needs none.",
+    "calibration": "The calibrator is mounted and loaded step by step; models are fitted.",
+    "verification": "Fresh points against the verification standard.",
+    "signature": "The second person accepts the calibration with the password; it is then in use.",
+    "certificate": "As PDF and as a digital certificate (DCC).",
+}
 
 
 class Step(NamedTuple):
@@ -67,7 +99,16 @@ class _Steps(View):
         text, steps = self._text, first_steps(self._visitor)
         done = sum(step.done for step in steps)
         current = next((step.name for step in steps if not step.done), "")
-        with panel(text("setup.until", done=done, all=len(steps))), box("ol", "checklist"):
+        with (
+            panel(
+                text(
+                    "Until the first certificate: {done} of {all} steps are done",
+                    done=done,
+                    all=len(steps),
+                )
+            ),
+            box("ol", "checklist"),
+        ):
             for step in steps:
                 with box(
                     "li",
@@ -76,9 +117,9 @@ class _Steps(View):
                 ):
                     icon("check_circle" if step.done else "radio_button_unchecked")
                     with box("div"):
-                        words("a", text(f"setup.{step.name}_step"), href=step.target)
-                        words("div", text(f"setup.{step.name}_explained"), "small muted")
-                    tag(text("setup.done" if step.done else "setup.open"),
+                        words("a", text(STEPS[step.name]), href=step.target)
+                        words("div", text(EXPLAINED[step.name]), "small muted")
+                    tag(text("done" if step.done else "to do"),
                         "good" if step.done else "")  # fmt: skip
 
 
@@ -98,7 +139,7 @@ class _Operation(View):
         if not self._visitor.has_role(self._operation.role):
             self._visitor.not_allowed()
             return
-        words("h2", self._text.core(self._operation.summary))
+        words("h2", self._text(self._operation.summary))
         shown = OperationPanel(self._visitor, self._operation, self._given(self._visitor))
         shown.build()
         repeat(REFRESH_S, shown.refresh)
@@ -112,7 +153,7 @@ def _letterhead(visitor: Visitor) -> dict[str, Any]:
     return laboratory | {f"customer_{name}": value for name, value in customer.items()}
 
 
-@page("setup", "/setup", picture="checklist", place=8)
+@page("setup", "/setup", "Set-up", picture="checklist", place=8)
 def setup_page(visitor: Visitor) -> None:
     """Build the page that sets the panel up."""
     views: dict[str, Callable[[Visitor], View]] = {
@@ -123,4 +164,4 @@ def setup_page(visitor: Visitor) -> None:
         "people": UsersView,
     }
     with frame(visitor, "setup"):
-        tabs(visitor, "setup", views)
+        tabs(visitor, "setup", TABS, views)

@@ -17,11 +17,25 @@ from torquebench.panel.pages.page import PAGES
 from torquebench.panel.pages.visitor import LANGUAGE_COOKIE, look_of, text_of
 from torquebench.panel.service import BenchService
 from torquebench.panel.service.access.passwords import SHORTEST
-from torquebench.panel.text import LANGUAGES, Text
+from torquebench.panel.text import LANGUAGES, Text, Texts
 
 __all__ = ["no_such_page", "safe_target", "sign_in_page"]
 
-REASONS = ("wrong", "locked", "expired", "differ", "bad_code", "weak")
+REASONS: Texts = {
+    "wrong": "Name and password don't belong together.",
+    "locked": "Too many wrong passwords. Try again in {seconds} s.",
+    "expired": "Your session has ended. Sign in again.",
+    "differ": "The two passwords differ.",
+    "bad_code": "This isn't the setup code that the terminal shows.",
+    "weak": "Use a name of letters and digits, and a password of at least 10 characters without "
+    "the name in it.",
+}
+ENTRIES: Texts = {
+    "code": "Setup code",
+    "name": "User name",
+    "password": "Password",
+    "repeat": "Password again",
+}
 
 
 def safe_target(target: str) -> str:
@@ -59,22 +73,44 @@ def sign_in_page(service: BenchService, request: Request) -> HTMLResponse:
     """Return the page for signing in, or for the first account."""
     text = text_of(request)
     first = service.people.setup_code is not None
-    title = text("sign_in.first_title" if first else "sign_in.title")
+    title = text("First user" if first else "Sign in")
     target = safe_target(request.query_params.get("next", "/"))
     parts = [
         element("div", "torquebench", classes="product"),
-        element("div", escape(text.core(service.snapshot().bench_name)), classes="muted"),
+        element("div", escape(text(service.snapshot().bench_name)), classes="muted"),
         element("h1", escape(title)),
     ]
     if first:
-        parts.append(element("p", escape(text("sign_in.first_explained"))))
+        parts.append(
+            element(
+                "p",
+                escape(
+                    text(
+                        "Nobody can sign in yet. Create the administrator's account; the "
+                        "administrator creates the others."
+                    )
+                ),
+            )
+        )
     reason = request.query_params.get("reason", "")
     if reason in REASONS:
         seconds = request.query_params.get("seconds", "")
-        said = text(f"sign_in.{reason}", seconds=seconds if seconds.isdecimal() else "60")
+        said = text(REASONS[reason], seconds=seconds if seconds.isdecimal() else "60")
         parts.append(element("p", escape(said), classes="note bad", role="alert"))
     name = request.query_params.get("name", "")[:64]
-    entries = [_entry(text, "code", "text", "off", text("sign_in.code_hint"))] if first else []
+    entries = (
+        [
+            _entry(
+                text,
+                "code",
+                "text",
+                "off",
+                text("It is in the terminal where the panel was started."),
+            )
+        ]
+        if first
+        else []
+    )
     entries.append(_entry(text, "name", "text", "username", value=name))
     if first:
         least = str(SHORTEST)
@@ -84,7 +120,7 @@ def sign_in_page(service: BenchService, request: Request) -> HTMLResponse:
         ]
     else:
         entries.append(_entry(text, "password", "password", "current-password"))
-    button = text("sign_in.first_button" if first else "sign_in.button")
+    button = text("Create the account" if first else "Sign in")
     entries.append(element("button", escape(button), classes="control primary", type="submit"))
     focus = 'name="code"' if first else 'name="password"' if name else 'name="name"'
     form = element(
@@ -106,8 +142,8 @@ def sign_in_page(service: BenchService, request: Request) -> HTMLResponse:
 def no_such_page(request: Request) -> HTMLResponse:
     """Return the page for unknown addresses."""
     text = text_of(request)
-    title = text("frame.no_page")
-    link = element("a", escape(text("frame.no_page_link")), href="/")
+    title = text("There is no such page.")
+    link = element("a", escape(text("To the live page")), href="/")
     content = [element("h1", escape(title)), element("p", link)]
     return _page(text, look_of(request), title, *content, status=404)
 
@@ -129,7 +165,7 @@ def _entry(
 ) -> str:
     place = f"sign-in-{name}"
     parts = [
-        element("label", escape(text(f"sign_in.{name}")), for_=place),
+        element("label", escape(text(ENTRIES[name])), for_=place),
         element(
             "input",
             classes="control",
@@ -152,7 +188,7 @@ def _languages(text: Text) -> str:
     buttons = (
         element(
             "button",
-            escape(Text(language)("name.language")),
+            escape(name),
             classes="control",
             type="button",
             lang=language,
@@ -160,17 +196,17 @@ def _languages(text: Text) -> str:
             data_value=language,
             aria_pressed="true" if language == text.language else "false",
         )
-        for language in LANGUAGES
+        for language, name in LANGUAGES.items()
     )
     return element("div", *buttons, classes="line")
 
 
 def _stop_button(text: Text) -> str:
-    label = text("stop.label")
+    label = text("Stop the bench: zero torque, drives off (F8)")
     said = {name.replace("-", "_"): value for name, value in STOP.items()}
     return element(
         "button",
-        escape(text("stop.button")),
+        escape(text("STOP")),
         classes="stop",
         aria_label=label,
         title=label,

@@ -6,15 +6,12 @@ from typing import Any
 
 from torquebench.panel.components.controls import Choice, Field, button
 from torquebench.panel.components.dialogs import ask
-from torquebench.panel.components.elements import box, panel, refilled, table
+from torquebench.panel.components.elements import box, headings, panel, refilled, table
 from torquebench.panel.pages.view import View
 from torquebench.panel.service import ROLES, User
 from torquebench.panel.text import Text
 
 __all__ = ["UsersView", "role_choice"]
-
-
-COLUMNS = ("name", "role", "state", "created", "system_users", "password_set")
 
 
 class UsersView(View):
@@ -31,20 +28,25 @@ class UsersView(View):
 
     def _own_password(self) -> None:
         text = self._text
-        with panel(text("users.own")), box("div", "stack"):
+        with panel(text("Your password")), box("div", "stack"):
             with box("div", "columns"):
-                old = Field(text("users.old"), kind="password")
-                new = Field(text("users.new"), kind="new-password", hint=text("users.rule"))
+                old = Field(text("Password now"), kind="password")
+                new = Field(
+                    text("New password"),
+                    kind="new-password",
+                    hint=text("At least 10 characters; a sentence is best."),
+                )
 
             def change() -> None:
                 people = self._visitor.service.people
                 self._visitor.act(
                     people.change_password, old.value, new.value,
-                    success=text("users.changed"), then=lambda: _empty(old, new),
+                    success=text("The password is changed; your other sessions have ended."),
+                    then=lambda: _empty(old, new),
                 )  # fmt: skip
 
             with box("div", "line"):
-                button(text("users.change"), change, "primary", picture="key")
+                button(text("Change the password"), change, "primary", picture="key")
 
     def _show(self) -> None:
         text = self._text
@@ -52,30 +54,34 @@ class UsersView(View):
         rows = [
             (
                 user.name,
-                text.core(user.role),
-                text("users.active" if user.active else "users.inactive"),
+                text(user.role),
+                text("active" if user.active else "not active"),
                 user.created[:10],
                 ", ".join(user.system_users),
                 user.password_set,
             )
             for user in users
         ]
-        with refilled(self._list), panel(text("users.accounts")):
+        with refilled(self._list), panel(text("Accounts")):
             table(
-                text("users.accounts"),
-                [(text(f"users.{key}"), False) for key in COLUMNS],
+                text("Accounts"),
+                headings(
+                    text, "User name", "Role", "State", "Since", "Computer users", "Password set by"
+                ),
                 rows,
                 on_row=lambda place: self._edit(users[place]),
-                open_label=text("users.edit"),
+                open_label=text("Edit"),
             )
 
     def _add(self) -> None:
         text, visitor = self._text, self._visitor
-        with panel(text("users.add")), box("div", "stack"):
+        with panel(text("Add a person")), box("div", "stack"):
             with box("div", "columns"):
-                name = Field(text("users.name"), autocomplete="off", maxlength="64")
+                name = Field(text("User name"), autocomplete="off", maxlength="64")
                 password = Field(
-                    text("users.first_password"), kind="new-password", hint=text("users.rule")
+                    text("First password"),
+                    kind="new-password",
+                    hint=text("At least 10 characters; a sentence is best."),
                 )
             role = role_choice(text)
 
@@ -86,29 +92,34 @@ class UsersView(View):
             def add() -> None:
                 visitor.act(
                     visitor.service.people.add_user, name.value, role.value, password.value,
-                    success=text("users.added", name=name.value), then=added,
+                    success=text("{name} can sign in.", name=name.value), then=added,
                 )  # fmt: skip
 
             with box("div", "line"):
-                button(text("users.add"), add, "primary", picture="person_add")
+                button(text("Add a person"), add, "primary", picture="person_add")
 
     def _edit(self, user: User) -> None:
         text = self._text
         with refilled(self._edited), panel(user.name), box("div", "stack"):
             role = role_choice(text, user.role)
             with box("div", "line"):
-                button(text("users.save"), lambda: self._change(user, role=role.value), "primary")
                 button(
-                    text("users.deactivate" if user.active else "users.activate"),
+                    text("Save the role"), lambda: self._change(user, role=role.value), "primary"
+                )
+                button(
+                    text("Deactivate" if user.active else "Activate"),
                     lambda: self._change(user, active=not user.active),
                 )
-                button(text("users.reset"), lambda: self._reset(user))
-                button(text("users.unlock"), lambda: self._change(user, unlock=True))
-                button(text("users.link"), lambda: self._link(user))
-                button(text("frame.close"), self._edited.clear, "quiet")
+                button(text("Set a new password"), lambda: self._reset(user))
+                button(text("End the waiting time"), lambda: self._change(user, unlock=True))
+                button(text("Link users of the computer"), lambda: self._link(user))
+                button(text("Close"), self._edited.clear, "quiet")
 
     def _change(self, user: User, **values: Any) -> bool:
-        people, said = self._visitor.service.people, self._text("users.saved", name=user.name)
+        people, said = (
+            self._visitor.service.people,
+            self._text("{name} is changed.", name=user.name),
+        )
         return self._visitor.act(
             people.change_user, user.name, success=said, then=self._changed, **values
         )
@@ -121,10 +132,14 @@ class UsersView(View):
         text = self._text
         ask(
             text,
-            text("users.link"),
-            text("users.link_explained", name=user.name),
+            text("Link users of the computer"),
+            text(
+                "Users of the operating system that are {name}, separated by commas: user "
+                "or user@host. What they measure by commands counts as measured by {name}.",
+                name=user.name,
+            ),
             lambda users: self._change(user, linked=users.split(",")),
-            field=text("users.system_users"),
+            field=text("Computer users"),
             value=", ".join(user.system_users),
         )
 
@@ -132,18 +147,18 @@ class UsersView(View):
         text = self._text
         ask(
             text,
-            text("users.reset"),
-            text("users.reset_explained", name=user.name),
+            text("Set a new password"),
+            text("{name} signs in with this password from now on.", name=user.name),
             lambda password: self._change(user, password=password),
-            field=text("users.new"),
+            field=text("New password"),
             kind="new-password",
         )
 
 
 def role_choice(text: Text, role: str = "operator") -> Choice:
     """Add a choice among the roles."""
-    roles: dict[str, str] = {name: text.core(name) for name in ROLES}
-    return Choice(text("users.role"), roles, role)
+    roles: dict[str, str] = {name: text(name) for name in ROLES}
+    return Choice(text("Role"), roles, role)
 
 
 def _empty(*fields: Field) -> None:

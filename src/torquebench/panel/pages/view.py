@@ -12,9 +12,10 @@ from nicegui import ui
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.elements import note
 from torquebench.panel.components.tabs import Tabs
+from torquebench.panel.pages.page import PAGES
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import NotSignedInError
-from torquebench.panel.text import Text
+from torquebench.panel.text import Text, Texts
 
 __all__ = ["View", "part", "tabs"]
 
@@ -33,7 +34,7 @@ def part(text: Text) -> Iterator[None]:
     except Exception as error:
         LOGGER.exception("a part of a page failed")
         problem = f"{type(error).__name__}: {error}"
-        note(text("frame.part_failed", problem=problem), "bad", live=True)
+        note(text("This part can't be shown: {problem}", problem=problem), "bad", live=True)
 
 
 class View:
@@ -51,14 +52,15 @@ class View:
         """Make the elements of the part."""
 
 
-def tabs(visitor: Visitor, page: str, views: Mapping[str, Callable[[Visitor], View]]) -> None:
+def tabs(
+    visitor: Visitor, page: str, titles: Texts, views: Mapping[str, Callable[[Visitor], View]]
+) -> None:
     """Add the tabs of a page; the part of its address names the initial and the present one."""
-    titles = {name: visitor.text(f"{page}.{name}") for name in views}
     parts = {name: partial(_build, view, visitor) for name, view in views.items()}
     path = visitor.address.partition("?")[0]
     Tabs(
-        visitor.text(f"navigation.{page}"),
-        titles,
+        visitor.text(PAGES[page].title),
+        {name: visitor.text(titles[name]) for name in views},
         parts,
         visitor.query.get("part", ""),
         lambda name: ui.navigate.history.replace(f"{path}?part={name}"),

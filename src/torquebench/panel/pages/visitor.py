@@ -90,8 +90,8 @@ class Visitor:
 
     def not_allowed(self) -> None:
         """Show that the user's role doesn't allow this part of the page."""
-        role = self.text.core(self.looker.role)
-        note(self.text("frame.not_allowed", role=role), "warn")
+        role = self.text(self.looker.role)
+        note(self.text("Your role ({role}) may view this but not change it.", role=role), "warn")
 
     def attempt(
         self,
@@ -147,7 +147,7 @@ class Visitor:
 def profile_titles(visitor: Visitor) -> dict[str, str]:
     """Return the title of each profile by name."""
     return {
-        item.name: visitor.text.core(str(item.document.get("title") or item.name))
+        item.name: visitor.text(str(item.document.get("title") or item.name))
         for item in visitor.service.settings.items("profiles")
     }
 

@@ -1,5 +1,15 @@
-"""The panel's texts: short names of English texts; `translations/zh/` has the Chinese by these."""
+"""The panel's texts, by their English; `translations/zh/` has the Chinese."""
 
-from torquebench.panel.text.catalogue import LANGUAGES, Language, Text, choose_language, words
+from torquebench.panel.text.catalogue import LANGUAGES, Language, Text, choose_language
+from torquebench.panel.text.words import ALARM_REMEDIES, ALARM_TITLES, JOB_STATES, Texts
 
-__all__ = ["LANGUAGES", "Language", "Text", "choose_language", "words"]
+__all__ = [
+    "ALARM_REMEDIES",
+    "ALARM_TITLES",
+    "JOB_STATES",
+    "LANGUAGES",
+    "Language",
+    "Text",
+    "Texts",
+    "choose_language",
+]

@@ -58,12 +58,19 @@ from torquebench.panel.pages.page import page
 from torquebench.panel.pages.view import part
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import CalibrationDetail, JobView
+from torquebench.panel.text import Texts
 from torquebench.reports.errors_table import number as number_text
 
 __all__ = ["calibration_page"]
 
 Step = Literal["models", "verify", "sign", "certificate"]
 STEPS: tuple[Step, ...] = get_args(Step)
+STEP_TITLES: Texts = {
+    "models": "Models",
+    "verify": "Verify",
+    "sign": "Sign off",
+    "certificate": "Certificate",
+}
 JOBS: Mapping[Step, Sequence[str]] = {
     "models": ("records-compare-models", "records-fit-model", "calibrate", "resume"),
     "verify": ("verification",),
@@ -128,11 +135,11 @@ class _CalibrationPage:
         """Make the page's elements."""
         with box("div", "stack"):
             self._head = box("div")
-            self._steps = box("ol", "steps", aria_label=self.text("calibrate.steps"))
+            self._steps = box("ol", "steps", aria_label=self.text("Steps of a calibration"))
             self._job = JobPanel(self.visitor)
             self._content = box("div", "stack")
             with self._content:
-                words("p", self.text("calibrate.reading"), "muted", role="status")
+                words("p", self.text("Reading the records …"), "muted", role="status")
 
     def refresh(self) -> None:
         """Show the jobs of this calibration; read the records again when one has ended."""
@@ -159,7 +166,7 @@ class _CalibrationPage:
             return
         if found is None:
             with refilled(self._content):
-                empty(self.text("frame.no_page"), "search_off")
+                empty(self.text("There is no such page."), "search_off")
             return
         self.found = found
         if self.step is None:
@@ -170,7 +177,9 @@ class _CalibrationPage:
         """Go to the step of the certificate, and confirm the signature."""
         self.step = "certificate"
         await self._read()
-        self.visitor.messages.good(self.text("sign.done"))
+        self.visitor.messages.good(
+            self.text("Signed. The readings are compensated by the chosen model from now on.")
+        )
 
     def _found(self) -> _Calibration:
         records = self.visitor.service.records
@@ -201,7 +210,7 @@ class _CalibrationPage:
             for step in STEPS:
                 current = "step" if step == self.step else None
                 with box("li", "done" if found.done(step) else "", aria_current=current):
-                    button(text(f"calibrate.step_{step}"), partial(self.show, step), "quiet")
+                    button(text(STEP_TITLES[step]), partial(self.show, step), "quiet")
         views = {"models": _models, "verify": _verify, "sign": _sign, "certificate": _certificate}
         with refilled(self._content):
             with part(text):
@@ -211,13 +220,13 @@ class _CalibrationPage:
     def _facts(self, found: _Calibration) -> None:
         """Show the calibration that a signature signs."""
         text, entry, module = self.text, found.detail.calibration, found.module
-        side = text(f"side.{module.side}")
+        side = text.title(module.side)
         facts: list[tuple[str, str | datetime]] = [
-            (text("records.transducer"), entry.transducer_serial),
-            (text("records.performed"), entry.performed),
-            (text("records.operator"), entry.measured_by or "—"),
-            (text("records.points"), str(entry.points)),
-            (text("sign.run"), module.run_id),
+            (text("Transducer"), entry.transducer_serial),
+            (text("Performed"), entry.performed),
+            (text("By"), entry.measured_by or "—"),
+            (text("Points"), str(entry.points)),
+            (text("Run"), module.run_id),
             ("SHA-256", found.detail.signed_sha256),
         ]
         with panel(f"{side}, {module.range_nm:g} N·m", "in-two"):
@@ -229,13 +238,13 @@ class _CalibrationPage:
         with box("div", "spread"):
             with box("div", "line"):
                 if place:
-                    button(self.text("calibrate.back"), lambda: self.show(STEPS[place - 1]),
+                    button(self.text("Back"), lambda: self.show(STEPS[place - 1]),
                            picture="arrow_back")  # fmt: skip
-                button(self.text("calibrate.again"), lambda: ui.navigate.to("/calibrate"), "quiet",
-                       picture="restart_alt")  # fmt: skip
+                again = self.text("Begin another calibration")
+                button(again, lambda: ui.navigate.to("/calibrate"), "quiet", picture="restart_alt")
             if place + 1 < len(STEPS):
                 kind = "primary" if found.done(self.step) and self.step != "sign" else ""
-                button(self.text("calibrate.next"), lambda: self.show(STEPS[place + 1]), kind,
+                button(self.text("Next step"), lambda: self.show(STEPS[place + 1]), kind,
                        picture="arrow_forward")  # fmt: skip
 
     def start(self, name: str, request: Mapping[str, Any]) -> None:
@@ -249,7 +258,7 @@ class _CalibrationPage:
 
 def _models(page: _CalibrationPage, found: _Calibration) -> None:
     text, module = page.text, found.module
-    with panel(text("models.before_after")), box("div", "stack"):
+    with panel(text("Before and after")), box("div", "stack"):
         show_blocks(text, [*residuals(module), errors_of_models(module)])
         with box("details", open_=page.torque_unfolded) as fold:
             # The end of a job rebuilds the page; parts that the reader has opened stay open.
@@ -258,10 +267,10 @@ def _models(page: _CalibrationPage, found: _Calibration) -> None:
                 lambda event: setattr(page, "torque_unfolded", bool(event.args)),
                 js_handler="(event) => emit(event.target.open)",
             )
-            words("summary", text.core("Additional torque"))
+            words("summary", text("Additional torque"))
             with box("div", "stack"):
                 show_blocks(text, [additional_torque(module), *training(module)])
-    with panel(text("models.compared")), box("div", "stack"):
+    with panel(text("Models compared")), box("div", "stack"):
         _comparison(page, found)
     if page.visitor.has_role("metrologist"):
         _another_fit(page)
@@ -270,20 +279,30 @@ def _models(page: _CalibrationPage, found: _Calibration) -> None:
 def _comparison(page: _CalibrationPage, found: _Calibration) -> None:
     text, compared = page.text, page.compared
     if compared is None:
-        words("p", text("models.compare_explained"), "muted")
+        words(
+            "p",
+            text(
+                "Every kind of model is fitted repeatedly with points left out, and its "
+                "errors are computed at those points. This takes some minutes; the bench "
+                "isn't moved."
+            ),
+            "muted",
+        )
         button(
-            text("models.compare"), lambda: page.start("records compare-models", {}), "primary",
+            text("Compare all models"), lambda: page.start("records compare-models", {}), "primary",
             picture="leaderboard",
         )  # fmt: skip
         return
-    note(text.core(compared.headline), "good")
+    note(text(compared.headline), "good")
     show_page_sections(page, compared)
     names = {model.name for model in found.module.models}
     if compared.best not in names and page.visitor.has_role("metrologist"):
         button(
-            text("models.fit"), lambda: page.start("records fit-model", {"model": compared.best}),
-            "primary", picture="add_chart",
-        )  # fmt: skip
+            text("Fit the recommended model"),
+            lambda: page.start("records fit-model", {"model": compared.best}),
+            "primary",
+            picture="add_chart",
+        )
 
 
 def show_page_sections(page: _CalibrationPage, result: ComparedModels) -> None:
@@ -296,7 +315,7 @@ def _another_fit(page: _CalibrationPage) -> None:
     """Add the form for fitting another model."""
     operation, text = find_operation("records fit-model"), page.text
     with panel(), box("details"):
-        words("summary", text.core(operation.summary))
+        words("summary", text(operation.summary))
         with box("div", "stack"):
             form = OperationForm(
                 page.visitor, operation, {"calibration": page.number}, ("calibration",)
@@ -307,7 +326,7 @@ def _another_fit(page: _CalibrationPage) -> None:
                 page.refresh()
 
             with box("div", "line"):
-                button(text("fit.button"), fit, picture="add_chart")
+                button(text("Fit this model"), fit, picture="add_chart")
 
 
 # -- verify ---------------------------------------------------------------------------------
@@ -317,7 +336,7 @@ def _verify(page: _CalibrationPage, found: _Calibration) -> None:
     text, verified = page.text, found.verified
     if verified is not None:
         note(
-            text.core(verified.headline),
+            text(verified.headline),
             verdict_kind(verified.verdict),
             title=text.verdict(verified.verdict),
         )
@@ -325,16 +344,22 @@ def _verify(page: _CalibrationPage, found: _Calibration) -> None:
         show_page(text, verified.page())
     operation = find_operation("verification")
     given = {"side": found.module.side, "calibration": page.number, "points": 20}
-    title = text("verify.title") if verified is None else text.core("Verify again")
+    title = text("Verification") if verified is None else text("Verify again")
     with panel(title), box("div", "stack"):
-        words("p", text("verify.explained"))
+        words(
+            "p",
+            text(
+                "The verification standard takes the calibrator's place. Fresh points "
+                "between the calibration's steps show the error of each model."
+            ),
+        )
         form = OperationForm(page.visitor, operation, given, ("side", "calibration", "models"))
 
         async def start() -> None:
             await begin(page.visitor, operation, form)
             page.refresh()
 
-        button(text("verify.start"), start, "primary" if verified is None else "",
+        button(text("Start verification"), start, "primary" if verified is None else "",
                picture="play_arrow")  # fmt: skip
 
 
@@ -344,24 +369,36 @@ def _verify(page: _CalibrationPage, found: _Calibration) -> None:
 def _sign(page: _CalibrationPage, found: _Calibration) -> None:
     text, visitor, module = page.text, page.visitor, found.module
     entry = found.detail.calibration
-    with panel(text("sign.title")), box("div", "stack"):
-        words("p", text("sign.explained"))
+    with panel(text("Sign off and put into use")), box("div", "stack"):
+        words(
+            "p",
+            text(
+                "With your password you confirm that this calibration followed the "
+                "procedure. The chosen model compensates the readings from then on."
+            ),
+        )
         for review in found.detail.reviews:
             kind = "good" if review.accepted else "bad"
-            with note(review.remark or text.core("reviewed"), kind, title=review.checked_by):
+            with note(review.remark or text("reviewed"), kind, title=review.checked_by):
                 moment(review.checked)
         if found.verified is None:
-            note(text("sign.unverified"), "warn")
+            note(text("This calibration isn't verified yet."), "warn")
         else:
             _verdicts(page, found.verified)
         if not visitor.has_role("metrologist"):
             visitor.not_allowed()
             return
         if entry.measured_by == visitor.looker.label:
-            note(text("sign.own"), "warn")
+            note(
+                text(
+                    "You measured this calibration yourself, so somebody else has to sign it: "
+                    "a metrologist, signed in at this or another screen."
+                ),
+                "warn",
+            )
             return
         if not module.models:
-            note(text("sign.no_model"), "warn")
+            note(text("No model is fitted yet: go back and fit one."), "warn")
             return
         _signature(page, found)
 
@@ -369,16 +406,22 @@ def _sign(page: _CalibrationPage, found: _Calibration) -> None:
 def _verdicts(page: _CalibrationPage, verified: VerifiedModule) -> None:
     """List the verdict of each model at the fresh points."""
     text = page.text
-    words("h3", text("sign.verdicts", tolerance=f"{verified.tolerance_percent_fs:g}"))
+    words(
+        "h3",
+        text(
+            "Verdict at fresh points, tolerance {tolerance} % FS",
+            tolerance=f"{verified.tolerance_percent_fs:g}",
+        ),
+    )
     with box("ul", "stack"):
         for model in verified.models[1:]:
             worst = model.errors.against_standard
             with box("li", "line"):
                 tag(text.verdict(model.verdict), verdict_kind(model.verdict),
                     verdict_icon(model.verdict))  # fmt: skip
-                words("span", text.core(model.name))
+                words("span", text(model.name))
                 said = text(
-                    "sign.worst",
+                    "worst {worst} N·m ({percent} % FS)",
                     worst=number_text(worst.worst_nm),
                     percent=number_text(worst.worst_percent_fs),
                 )
@@ -391,25 +434,36 @@ def _signature(page: _CalibrationPage, found: _Calibration) -> None:
     first = module.models[0]
     options = {
         str(model.model_id): (
-            text.core(model.title),
-            text("sign.recommended") if model is first
-            else text("sign.best") if model.model_id == best
-            else text("sign.model", number=model.model_id),
+            text(model.title),
+            text("recommended") if model is first
+            else text("best in the verification") if model.model_id == best
+            else text("model {number}", number=model.model_id),
         )
         for model in module.models
     }  # fmt: skip
-    chosen = Choice(text("sign.use"), options, str(first.model_id))
+    chosen = Choice(text("Model to be used"), options, str(first.model_id))
     contradictions = {each.found: each for model in module.models for each in model.contradictions}
     for each in contradictions.values():
-        found_words, allowed, cause = map(text.core, (each.found, each.allowed, each.cause))
-        note(f"{found_words} ({allowed}). {cause}", "warn", title=text("sign.contradicts"))
+        found_words, allowed, cause = map(text, (each.found, each.allowed, each.cause))
+        note(
+            f"{found_words} ({allowed}). {cause}",
+            "warn",
+            title=text("This calibration contradicts itself"),
+        )
     _preview_button(page, lambda: {"languages": (text.language,), "model_id": int(chosen.value)})
-    remark = Field(text("sign.despite" if contradictions else "sign.remark"), maxlength="500")
+    remark = Field(
+        text("Why the model is used nevertheless, for the record" if contradictions else "Remark"),
+        maxlength="500",
+    )
 
     async def sign() -> None:
         number = int(chosen.value)
         despite = bool(module.model(number).contradictions)
-        remark.wrong(text("sign.despite_missing") if despite and not remark.value.strip() else "")
+        remark.wrong(
+            text("Say why, or find the cause and calibrate again.")
+            if despite and not remark.value.strip()
+            else ""
+        )
         if despite and not remark.value.strip():
             return
         given, said = password.value, remark.value
@@ -425,7 +479,7 @@ def _signature(page: _CalibrationPage, found: _Calibration) -> None:
             service.perform(actor, "records review", review, password=given)
             use = {
                 "model": number,
-                "reason": said or text("sign.reason"),
+                "reason": said or text("signed off on the panel"),
                 "despite_contradictions": despite,
             }
             service.perform(actor, "records use", use, password=given)
@@ -434,9 +488,9 @@ def _signature(page: _CalibrationPage, found: _Calibration) -> None:
             await in_thread(put_into_use)
             await page.after_signing()
 
-    password = Field(text("sign.password"), kind="password", on_enter=sign)
+    password = Field(text("Your password"), kind="password", on_enter=sign)
     with box("div", "line"):
-        button(text("sign.button"), sign, "primary", picture="draw")
+        button(text("Sign and put into use"), sign, "primary", picture="draw")
 
 
 @contextmanager
@@ -459,15 +513,21 @@ def signing(page: _CalibrationPage, password: Field) -> Iterator[None]:
 
 def _certificate(page: _CalibrationPage, found: _Calibration) -> None:
     text, visitor = page.text, page.visitor
-    with panel(text("certificate.title")), box("div", "stack"):
+    with panel(text("Certificate")), box("div", "stack"):
         for entry in found.detail.certificates:
-            words("p", text("certificate.issued", number=entry.number))
+            words("p", text("Certificate {number} is issued.", number=entry.number))
             certificate_buttons(visitor, entry.number, tuple(entry.files))
         if not visitor.has_role("metrologist"):
             visitor.not_allowed()
             return
-        words("p", text("certificate.explained"))
-        languages = Choice(text("certificate.languages"), LANGUAGES, (text.language,), several=True)
+        words(
+            "p",
+            text(
+                "The certificate states calibration, verification and uncertainties. "
+                "Issuing it needs your password again."
+            ),
+        )
+        languages = Choice(text("Languages"), LANGUAGES, (text.language,), several=True)
         tolerance = tolerance_field(text)
 
         def request() -> dict[str, Any] | None:
@@ -493,9 +553,9 @@ def _certificate(page: _CalibrationPage, found: _Calibration) -> None:
                 )
                 page.refresh()
 
-        password = Field(text("sign.password"), kind="password", on_enter=issue)
+        password = Field(text("Your password"), kind="password", on_enter=issue)
         with box("div", "line"):
-            button(text("certificate.button"), issue, "primary", picture="workspace_premium")
+            button(text("Issue the certificate"), issue, "primary", picture="workspace_premium")
         _preview_button(page, request)
 
 
@@ -517,11 +577,15 @@ def _preview_button(page: _CalibrationPage, asked: Any) -> None:
         with place, box("div", "certificate-pages"):
             for number, content in enumerate(pages or (), start=1):
                 data = base64.b64encode(content).decode()
-                label = text("certificate.page", number=number, of=len(pages or ()))
+                label = text(
+                    "Page {number} of {of} of the certificate's draft",
+                    number=number,
+                    of=len(pages or ()),
+                )
                 box("img", src=f"data:image/png;base64,{data}", alt=label)
 
     with box("div", "line"):
-        button(text("certificate.preview"), show, picture="preview")
+        button(text("Preview the certificate"), show, picture="preview")
     place = box("div", "stack")
 
 
@@ -531,9 +595,9 @@ def calibration_page(visitor: Visitor) -> None:
     number = visitor.query["number"]
     if not number.isdecimal():
         with frame(visitor, "calibrate"):
-            empty(visitor.text("frame.no_page"), "search_off")
+            empty(visitor.text("There is no such page."), "search_off")
         return
     shown = _CalibrationPage(visitor, int(number))
-    title = f"{visitor.text.core('Calibration')} {number}"
+    title = f"{visitor.text('Calibration')} {number}"
     with frame(visitor, "calibrate", shown.refresh, title):
         shown.build()

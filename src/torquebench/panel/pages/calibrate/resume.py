@@ -15,8 +15,16 @@ from torquebench.panel.pages.operations.form import OperationForm
 from torquebench.panel.pages.operations.page import begin
 from torquebench.panel.pages.visitor import Visitor, profile_titles
 from torquebench.panel.service import InterruptedView
+from torquebench.panel.text import Texts
 
 __all__ = ["interrupted_note", "resume_button", "unfinished_notes"]
+
+UNFINISHED: Texts = {
+    "left open": "A run was left open",
+    "sealed": "A run isn't in the registry yet",
+    "measured": "A run is measured, but its result isn't registered",
+    "interrupted": "A calibration was interrupted",
+}
 
 
 def unfinished_notes(visitor: Visitor, *, measured_only: bool = False) -> None:
@@ -26,16 +34,16 @@ def unfinished_notes(visitor: Visitor, *, measured_only: bool = False) -> None:
         if measured_only and run.state == "interrupted":
             continue
         if run.state == "copy":
-            note(f"{text.core(run.found)}: {text.core(run.remedy)}", "warn")
+            note(f"{text(run.found)}: {text(run.remedy)}", "warn")
             continue
-        said = text("unfinished.found", number=run.run_id)
-        with note(said, "warn", title=text(f"unfinished.{run.state.replace(' ', '_')}")):
+        said = text("Run {number}", number=run.run_id)
+        with note(said, "warn", title=text(UNFINISHED[run.state])):
             if run.state != "interrupted":
-                button(text("unfinished.finish"), partial(_finish, visitor, run.run_id),
+                button(text("Finish it without measuring"), partial(_finish, visitor, run.run_id),
                        picture="task_alt")  # fmt: skip
             elif (interrupted := service.records.interrupted(run.run_id)) is not None:
                 resume_button(visitor, interrupted)
-            button(text("unfinished.discard"), partial(_discard, visitor, run.run_id), "quiet")
+            button(text("Discard it"), partial(_discard, visitor, run.run_id), "quiet")
 
 
 def _finish(visitor: Visitor, run_id: str) -> None:
@@ -53,10 +61,13 @@ def _discard(visitor: Visitor, run_id: str) -> None:
     with ui.context.client.content:
         ask(
             text,
-            text("unfinished.discard"),
-            text("unfinished.discard_said", number=run_id),
+            text("Discard it"),
+            text(
+                "Run {number} gets no result. Its folder is kept, and the reason is recorded.",
+                number=run_id,
+            ),
             discard,
-            field=text("unfinished.reason"),
+            field=text("Reason"),
             danger=True,
         )
 
@@ -69,21 +80,21 @@ def interrupted_note(visitor: Visitor) -> None:
         return
     text = visitor.text
     said = text(
-        "resume.found",
-        side=text(f"side.{run.side}"),
+        "{side}: {points} of {total} points.",
+        side=text.title(run.side),
         points=run.points,
         total=run.total,
     )
-    with note(said, "warn", title=text("resume.title")):
+    with note(said, "warn", title=text("A calibration was interrupted")):
         with box("p"):
-            words("span", f"{text('resume.last')} ")
+            words("span", f"{text('The last one:')} ")
             moment(run.interrupted)
         resume_button(visitor, run)
 
 
 def resume_button(visitor: Visitor, run: InterruptedView) -> Any:
     """Make the button that continues with an interrupted calibration."""
-    return button(visitor.text("resume.button"), lambda: _ask(visitor, run), picture="redo")
+    return button(visitor.text("Go on with it"), lambda: _ask(visitor, run), picture="redo")
 
 
 def _ask(visitor: Visitor, run: InterruptedView) -> None:
@@ -93,14 +104,22 @@ def _ask(visitor: Visitor, run: InterruptedView) -> None:
         dialog.close()
         ui.navigate.to("/calibrate")
 
-    with ui.context.client.content, sheet(text("resume.button")) as dialog:
+    with ui.context.client.content, sheet(text("Go on with it")) as dialog:
         profiles = profile_titles(visitor)
-        words("p", profiles.get(run.profile, text.core(run.profile)), "muted")
-        words("p", text("resume.explained", kept=run.kept, total=run.total))
+        words("p", profiles.get(run.profile, text(run.profile)), "muted")
+        words(
+            "p",
+            text(
+                "Preload and zero are done again; {kept} of {total} points stay, the "
+                "interrupted series is measured again.",
+                kept=run.kept,
+                total=run.total,
+            ),
+        )
         form = OperationForm(visitor, operation, {"run_id": run.run_id}, ("run_id", "models"))
         with foot(text, dialog):
             button(
-                text("prepare.start"),
+                text("Start calibration"),
                 lambda: begin(visitor, operation, form, then=started),
                 "primary",
                 picture="play_arrow",

@@ -7,6 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
+from torquebench.message import Message
 from torquebench.operations import find_operation
 from torquebench.operations.calibrating import CalibrationResult
 from torquebench.panel.components.charts import Chart, Line, error_chart
@@ -35,6 +36,13 @@ from torquebench.units import minus_signs
 __all__ = ["calibrate_page", "calibration_address"]
 
 MEASURING = ("calibrate", "resume")
+READINGS, NO_ALARM, COMMAND, IDLE, PRESENCE = (
+    Message("Readings come in"),
+    Message("No alarm stops the bench"),
+    Message("Nobody else is in command"),
+    Message("Bench is free"),
+    Message("Somebody is in command and has confirmed presence at the bench"),
+)
 QUICK = ("zero", "check")
 SHOWN = 8
 """Number of calibrations that are listed."""
@@ -102,14 +110,14 @@ class _Start:
         interrupted_note(visitor)
         given = before if "side" in before else {"side": "output"}
         with box("div", "columns"):
-            with panel(text("prepare.what")), box("div", "stack"):
+            with panel(text("What is calibrated")), box("div", "stack"):
                 self._form = OperationForm(visitor, self._operation, given, on_change=self._preview)
                 with box("p", "small"):
-                    words("a", text("prepare.own_profiles"), href="/settings?part=profiles")
-            with panel(text("prepare.checks")), box("div", "stack"):
+                    words("a", text("Upload or edit own profiles"), href="/settings?part=profiles")
+            with panel(text("Before it begins")), box("div", "stack"):
                 self._checks = box("ul", "stack")
                 button(
-                    text("prepare.start"),
+                    text("Start calibration"),
                     partial(begin, visitor, self._operation, self._form),
                     "primary",
                     picture="play_arrow",
@@ -126,22 +134,26 @@ class _Start:
         service = self._visitor.service
         snapshot, mine = service.snapshot(), self._visitor.commands
         checks: tuple[tuple[bool, str], ...] = (
-            (snapshot.connection == "live", "readings"),
-            (not snapshot.stopped, "alarm"),
-            (mine or snapshot.commanded_by is None, "command"),
-            (snapshot.job_id is None, "idle"),
+            (snapshot.connection == "live", READINGS),
+            (not snapshot.stopped, NO_ALARM),
+            (mine or snapshot.commanded_by is None, COMMAND),
+            (snapshot.job_id is None, IDLE),
         )
         if service.presence_wanted:
-            checks += ((mine and service.presence_left_s > 0.0, "presence"),)
+            checks += ((mine and service.presence_left_s > 0.0, PRESENCE),)
         if checks == self._checked:
             return
         self._checked = checks
         with refilled(self._checks):
-            for good, key in checks:
+            for good, title in checks:
                 with box("li", "line"):
                     kind = "good" if good else "bad"
-                    tag(self._text(f"prepare.{kind}"), kind, "check" if good else "close")
-                    words("span", self._text(f"prepare.check_{key}"))
+                    tag(
+                        self._text("ready" if good else "not ready"),
+                        kind,
+                        "check" if good else "close",
+                    )
+                    words("span", self._text(title))
 
     def _list(self) -> None:
         """List the newest calibrations with links to their pages."""
@@ -159,14 +171,21 @@ class _Start:
             )
             for entry in entries
         ]
-        keys = "calibration performed transducer points operator"
-        with panel(text("records.calibrations")):
+        with panel(text("Calibrations")):
             table(
-                text("records.calibrations"),
-                headings(text, "records", keys, "calibration points"),
+                text("Calibrations"),
+                headings(
+                    text,
+                    "No.",
+                    "Performed",
+                    "Transducer",
+                    "Points",
+                    "By",
+                    numbers=("No.", "Points"),
+                ),
                 rows,
                 on_row=lambda row: ui.navigate.to(calibration_address(entries[row].calibration_id)),
-                open_label=text("records.open"),
+                open_label=text("Open"),
             )
 
 
@@ -178,16 +197,16 @@ class _Measuring:
         self._count = -1
         text = visitor.text
         with box("div", "columns"):
-            with panel(text("measure.staircase")):
+            with panel(text("Staircase")):
                 self._staircase = Chart(
-                    text("measure.staircase_label"),
-                    text("measure.point"),
-                    text("measure.standard_axis"),
+                    text("Standard torque of every point so far."),
+                    text("point"),
+                    text("standard, N·m"),
                 )
-            with panel(text("measure.errors")):
-                self._errors = error_chart(text, "measure.errors_label")
+            with panel(text("Error of the raw reading")):
+                self._errors = error_chart(text, "Error in N·m over the standard torque.")
                 self._said = words("p", "", "muted number", role="status")
-                words("p", text("measure.steps"), "muted small")
+                words("p", text("Zeros and preloads are steps without a point."), "muted small")
 
     def refresh(self, job: JobView) -> None:
         """Draw the points measured so far."""
@@ -201,10 +220,10 @@ class _Measuring:
         ]
         standard = [point["standard_nm"] for point in points]
         numbers = list(range(1, len(points) + 1))
-        self._staircase.show([Line(text("live.reference"), numbers, standard, "--series-3")])
+        self._staircase.show([Line(text("Standard"), numbers, standard, "--series-3")])
         self._errors.show(
             [
-                _branch(text.core(word), [p for p in points if (p.get("branch", 1) >= 0) == up], up)
+                _branch(text(word), [p for p in points if (p.get("branch", 1) >= 0) == up], up)
                 for word, up in (("rising", True), ("falling", False))
             ]
         )
@@ -213,7 +232,13 @@ class _Measuring:
                 key: minus_signs(f"{points[-1][f'{key}_nm']:.3f}")
                 for key in ("reading", "standard", "error")
             }
-            self._said.set_text(text("measure.last", number=len(points), **last))
+            self._said.set_text(
+                text(
+                    "Point {number}: reading {reading}, standard {standard}, error {error} N·m",
+                    number=len(points),
+                    **last,
+                )
+            )
 
 
 def _branch(title: str, points: list[Any], rising: bool) -> Line:
@@ -227,7 +252,7 @@ def _branch(title: str, points: list[Any], rising: bool) -> Line:
     )
 
 
-@page("calibrate", "/calibrate", picture="tune", place=2)
+@page("calibrate", "/calibrate", "Calibrate", picture="tune", place=2)
 def calibrate_page(visitor: Visitor) -> None:
     """Build the page that begins a calibration."""
     shown = _Start(visitor)

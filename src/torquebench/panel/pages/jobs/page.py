@@ -27,7 +27,7 @@ class _JobPage:
         with box("div", "stack"):
             self._panel = JobPanel(self._visitor)
             self._result = box("div", "stack")
-            with panel(self._text.core("Request")):
+            with panel(self._text("Request")):
                 self._show_request()
         self._show_result()
         self._panel.refresh(self._job)
@@ -52,14 +52,14 @@ class _JobPage:
         job, text = self._job, self._text
         operation = find_operation(job.kind)
         facts: list[tuple[str, str | datetime]] = [
-            (text.core(each.title), text.core(stated(job.request[each.name], each.unit)))
+            (text(each.title), text(stated(job.request[each.name], each.unit)))
             for each in parameters(operation.request)
             if each.record is None and job.request.get(each.name) not in (None, "", [], {})
         ]
         times = [("started", job.started), ("ended", job.finished)]
-        facts += [(text.core(name), when) for name, when in times if when is not None]
-        pairs([*facts, (text.core("started by"), job.started_by)])
-        words("a", text.core(operation.summary), href=f"/operations/{operation.key}")
+        facts += [(text(name), when) for name, when in times if when is not None]
+        pairs([*facts, (text("started by"), job.started_by)])
+        words("a", text(operation.summary), href=f"/operations/{operation.key}")
 
 
 @page("job", "/jobs/{job_id}")
@@ -69,8 +69,8 @@ def job_page(visitor: Visitor) -> None:
         job = visitor.service.jobs.get(visitor.query["job_id"])
     except TorquebenchError as error:
         with frame(visitor, "operations"):
-            empty(visitor.text.core(error.found), "search_off")
+            empty(visitor.text(error.found), "search_off")
         return
     shown = _JobPage(visitor, job)
-    with frame(visitor, "operations", shown.refresh, visitor.text.core(job.title)):
+    with frame(visitor, "operations", shown.refresh, visitor.text(job.title)):
         shown.build()

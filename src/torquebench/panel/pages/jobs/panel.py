@@ -12,7 +12,7 @@ from torquebench.panel.components.elements import box, note, panel, refilled, ta
 from torquebench.panel.components.verdicts import verdict_kind
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobView, Problem
-from torquebench.panel.text import Text
+from torquebench.panel.text import JOB_STATES, Text
 
 __all__ = ["JobControls", "JobPanel", "problem_note", "stage_words"]
 
@@ -39,12 +39,12 @@ def problem_note(
 
 def stage_words(text: Text, job: JobView) -> str:
     """Return the text of a job's progress."""
-    stage = text.core(job.stage)
+    stage = text(job.stage)
     if stage and job.total:
-        stage = text("job.stage", stage=stage, done=job.done, total=job.total)
+        stage = text("{stage}: step {done} of {total}", stage=stage, done=job.done, total=job.total)
     left = job.remaining_s
-    remaining = "" if left is None else text("job.remaining", time=duration_words(left))
-    said = (part for part in (stage, text.core(job.detail), remaining) if part)
+    remaining = "" if left is None else text("about {time} left", time=duration_words(left))
+    said = (part for part in (stage, text(job.detail), remaining) if part)
     return " · ".join(said) if job.open else ""
 
 
@@ -57,7 +57,7 @@ class JobProgress:
     """
 
     def __init__(self, text: Text) -> None:
-        self._bar = box("progress", max="1", aria_label=text("job.progress"))
+        self._bar = box("progress", max="1", aria_label=text("Progress of the work"))
 
     def refresh(self, job: JobView) -> None:
         """Show the finished share of the stage, or just activity if the total is unknown."""
@@ -91,27 +91,32 @@ class JobControls:
         self._frame.clear()
         if not (job.open and may):
             return
-        explained = text("record.abort_explained" if job.beside else "job.abort_explained")
+        explained = text(
+            "The recording ends and is kept as aborted. The bench isn't affected."
+            if job.beside
+            else "The torque goes to zero and the record is closed as aborted. Points taken "
+            "so far are kept."
+        )
         with self._frame:
             if job.can_pause and job.state == "running":
-                button(text("job.pause"), lambda: self._ask("pause", number), picture="pause")
+                button(text("Pause"), lambda: self._ask("pause", number), picture="pause")
             if job.state in ("paused", "pausing"):
                 button(
-                    text("job.resume"),
+                    text("Go on"),
                     lambda: self._ask("resume", number),
                     "primary",
                     picture="play_arrow",
                 )
             if job.can_finish and job.state == "running":
                 button(
-                    text("job.finish"),
+                    text("Finish"),
                     lambda: self._ask("finish", number),
                     "primary",
                     picture="stop_circle",
                 )
             if job.state != "aborting":
                 button(
-                    text("job.abort"),
+                    text("Abort"),
                     lambda: self._abort(number, explained),
                     "danger",
                     picture="close",
@@ -126,7 +131,7 @@ class JobControls:
         def abort(_: str) -> bool:
             return visitor.act(visitor.service.jobs.abort, number)
 
-        ask(text, text("job.abort"), explained, abort, danger=True)
+        ask(text, text("Abort"), explained, abort, danger=True)
 
 
 class JobPanel:
@@ -181,9 +186,9 @@ class JobPanel:
         text = self._text
         with refilled(self._head):
             with box("h2"):
-                words("a", text.core(job.title), href=f"/jobs/{job.job_id}")
+                words("a", text(job.title), href=f"/jobs/{job.job_id}")
             kind, picture = STATES[job.state]
-            tag(text(f"job.state_{job.state}"), kind, picture)
+            tag(text(JOB_STATES[job.state]), kind, picture)
 
     def _render_progress(self, job: JobView) -> None:
         text = self._text
@@ -191,8 +196,8 @@ class JobPanel:
         self._progress.refresh(job)
         with refilled(self._stages):
             for stage in job.stages:
-                said = f"{text.core(stage.title)} ({duration_words(stage.seconds)})"
-                detail = text.core(stage.detail)
+                said = f"{text(stage.title)} ({duration_words(stage.seconds)})"
+                detail = text(stage.detail)
                 words("li", f"{said}: {detail}" if detail else said)
 
     def _render_prompt(self, prompt: Any) -> None:
@@ -202,22 +207,22 @@ class JobPanel:
             return
         with (
             self._prompt,
-            note(text.core(prompt.text), "warn", title=text("job.prompt"), live=True),
+            note(text(prompt.text), "warn", title=text("To do at the bench"), live=True),
         ):
             if self._visitor.commands:
                 with box("div", "line"):
-                    button(text("job.prompt_done"), lambda: self._answer(prompt.number, True),
+                    button(text("Done"), lambda: self._answer(prompt.number, True),
                            "primary", picture="check")  # fmt: skip
-                    button(text("job.prompt_decline"), lambda: self._answer(prompt.number, False))
+                    button(text("Not possible"), lambda: self._answer(prompt.number, False))
 
     def _render_end(self, job: JobView) -> None:
         with refilled(self._end):
             if job.problem is not None:
-                problem_note(self._text, job.problem, title=self._text(f"job.state_{job.state}"))
+                problem_note(self._text, job.problem, title=self._text(JOB_STATES[job.state]))
             elif job.result is not None:
                 kind = verdict_kind(job.result.verdict)
                 verdict = self._text.verdict(job.result.verdict)
-                note(self._text.core(job.result.headline), kind, title=verdict)
+                note(self._text(job.result.headline), kind, title=verdict)
 
     def _answer(self, number: int, done: bool) -> None:
         self._visitor.act(self._visitor.service.jobs.answer, number, done=done)

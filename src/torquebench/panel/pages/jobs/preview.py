@@ -36,7 +36,7 @@ class Preview:
         self._asked = 0
         self.place = box("div", "stack preview")
         with self.place:
-            words("p", visitor.text("preview.rehearsing"), "muted")
+            words("p", visitor.text("Rehearsing the steps …"), "muted")
 
     def show(self, request: Mapping[str, Any]) -> None:
         """Rehearse a request and show what would happen."""
@@ -54,7 +54,7 @@ class Preview:
             return  # there is a newer request, or the page was left
         self.place.props["aria-busy"] = "false"
         with refilled(self.place):
-            words("h2", text("preview.title"))
+            words("h2", text("Dry run"))
             if problem is not None:
                 problem_note(text, problem, "warn")
             elif preview is not None:
@@ -64,26 +64,26 @@ class Preview:
 def _show(text: Text, preview: Plan) -> None:
     """Show the preview of an operation: doubts, facts and steps, and the commanded torque."""
     for doubt in preview.doubts:
-        note(text.core(doubt), "warn")
+        note(text(doubt), "warn")
     page = preview.page()
     for section in page.sections:
         facts, *steps = section.blocks
         show_blocks(text, [facts])
         for remark in preview.remarks:
-            words("p", text.core(remark), "small muted")
+            words("p", text(remark), "small muted")
         if preview.time_s:
             time, target = _steps(preview.time_s, preview.nominal_nm)
             Chart(
-                text("preview.chart"),
-                text("preview.time"),
-                text("preview.torque_axis"),
-                [Line(text("preview.target"), time, target, "--series-1")],
+                text("Torque over time, as planned."),
+                text("time, s"),
+                text("torque, N·m"),
+                [Line(text("planned torque"), time, target, "--series-1")],
             )
         if preview.parts:
             show_blocks(text, steps)
         elif steps:
             with box("details"):
-                words("summary", text.core("Steps"))
+                words("summary", text("Steps"))
                 show_blocks(text, steps)
 
 

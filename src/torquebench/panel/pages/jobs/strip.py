@@ -9,6 +9,7 @@ from torquebench.panel.components.verdicts import verdict_kind
 from torquebench.panel.pages.jobs.panel import JobControls, JobProgress, stage_words
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import EndedJob, JobView
+from torquebench.panel.text import JOB_STATES
 
 __all__ = ["JobStrip"]
 
@@ -33,8 +34,8 @@ class _Row:
         if shown == self._shown:
             return
         self._shown = shown
-        state = text(f"job.state_{job.state}")
-        self._title.set_text(f"{text.core(job.title)}: {state}")
+        state = text(JOB_STATES[job.state])
+        self._title.set_text(f"{text(job.title)}: {state}")
         self._stage.set_text(stage_words(text, job))
         self._progress.refresh(job)
         self._controls.refresh(job)
@@ -48,7 +49,7 @@ class JobStrip:
         self._rows: dict[str, _Row] = {}
         self._told: set[str] = set()
         self._ended = -1
-        self._frame = box("aside", "job-strip", aria_label=visitor.text("job.under_way"))
+        self._frame = box("aside", "job-strip", aria_label=visitor.text("Work under way"))
         self._frame.set_visibility(False)
 
     def refresh(self) -> None:
@@ -90,10 +91,13 @@ class JobStrip:
 
     def _say(self, job: EndedJob) -> None:
         text, log = self._text, self._visitor.service.jobs.log
-        title = text.core(job.title)
-        said = text("job.ended", title=title, state=text(f"job.state_{job.state}"))
-        more = text.core(job.headline)
+        title = text(job.title)
+        said = text("{title}: {state}", title=title, state=text(JOB_STATES[job.state]))
+        more = text(job.headline)
         if job.state == "interrupted":
-            more = text("job.interrupted")
+            more = text(
+                "The server ended in the meantime. Measured points are kept; the page "
+                "Records and the wizard offer to resume."
+            )
         kind = (verdict_kind(job.verdict) or "good") if job.state == "done" else "bad"
         self._visitor.messages.tell(said, kind, more, lambda: log.told(job.job_id))

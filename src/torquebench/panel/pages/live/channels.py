@@ -12,7 +12,7 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.panel.components.controls import Choice, Field, button, typed_number
 from torquebench.panel.components.dialogs import foot, sheet
-from torquebench.panel.components.elements import box, refilled, table, words
+from torquebench.panel.components.elements import box, headings, refilled, table, words
 from torquebench.panel.pages.records.column_titles import column_title
 from torquebench.panel.service import (
     FORMULA_NAMES,
@@ -23,13 +23,24 @@ from torquebench.panel.service import (
     LoopLayout,
     Scale,
 )
-from torquebench.panel.text import Text
+from torquebench.panel.text import Text, Texts
 from torquebench.units import unit_of_name
 from torquebench.validation import words_of
 
 __all__ = ["open_channels", "open_computed"]
 
 CHARTS = 3
+SCALES: Texts = {
+    "automatic": "Automatic",
+    "range": "The bench's range",
+    "fixed": "Fixed limits",
+}
+EXAMPLE_TITLES: Texts = {
+    "efficiency": "Efficiency",
+    "power": "Output power",
+    "ratio": "Speed ratio",
+    "loss": "Power loss",
+}
 EXAMPLES: Mapping[str, tuple[str, str]] = {
     "efficiency": (
         "output_torque * output_speed / (input_torque * input_speed)",
@@ -58,7 +69,7 @@ def open_channels(chart: Chart) -> None:
     """Ask for the signals of the present view."""
     text, layout = chart.text, chart.layout
     forms = {"time": _time_form, "xy": _loop_form, "digits": _digits_form}
-    with sheet(text("live.channels")) as dialog:
+    with sheet(text("Channels and scales")) as dialog:
         read = forms[layout.view](chart)
         wrong = words("div", "", "bad-text", role="alert")
 
@@ -73,9 +84,9 @@ def open_channels(chart: Chart) -> None:
             dialog.close()
 
         with box("div", "line end"):
-            button(text("live.usual"), usual, "quiet")
-            button(text("frame.close"), dialog.close, "quiet")
-            button(text("live.apply"), apply, "primary")
+            button(text("Restore the default"), usual, "quiet")
+            button(text("Close"), dialog.close, "quiet")
+            button(text("Apply"), apply, "primary")
 
 
 def _changed(layout: LiveLayout, part: Mapping[str, Any]) -> LiveLayout:
@@ -87,7 +98,7 @@ def _attempt(text: Text, wrong: Any, make: Callable[[], Any]) -> Any:
     try:
         return make()
     except ValidationError as error:
-        wrong.set_text(text.core(words_of(error.errors()[0])))
+        wrong.set_text(text(words_of(error.errors()[0])))
     except InputError as error:
         wrong.set_text(text.refusal_line(error))
     return None
@@ -104,7 +115,7 @@ def _titles(chart: Chart) -> dict[str, str]:
 def _time_form(chart: Chart) -> Callable[[], Mapping[str, Any]]:
     text, layout = chart.text, chart.layout
     bands = (*layout.bands, *(BandLayout() for _ in range(CHARTS)))[:CHARTS]
-    places = {str(place): text("live.chart_number", number=place) for place in (1, 2, 3)}
+    places = {str(place): text("Chart {number}", number=place) for place in (1, 2, 3)}
     chosen = {name: str(k) for k, band in enumerate(bands, 1) for name in band.signals}
     with box("div", "columns narrow"):
         fields = {
@@ -112,19 +123,19 @@ def _time_form(chart: Chart) -> Callable[[], Mapping[str, Any]]:
                 chart.title(name),
                 chosen.get(name, ""),
                 unit=signal.unit,
-                options={"": text("live.not_shown")} | places,
+                options={"": text("Not shown")} | places,
             )
             for name, signal in layout.signals.items()
         }
     scales = []
     for k, band in enumerate(bands, 1):
-        words("h3", text("live.scale_of", number=k))
+        words("h3", text("Scale of chart {number}", number=k))
         fixed = band.scale.kind == "fixed"
         with box("div", "columns narrow"):
-            kinds = {key: text(f"live.scale_{key}") for key in ("automatic", "range", "fixed")}
-            kind = Field(text("live.scale"), band.scale.kind, options=kinds)
-            low = Field(text("live.lowest"), f"{band.scale.low:g}" if fixed else "")
-            high = Field(text("live.highest"), f"{band.scale.high:g}" if fixed else "")
+            kinds = {key: text(title) for key, title in SCALES.items()}
+            kind = Field(text("Left scale"), band.scale.kind, options=kinds)
+            low = Field(text("Lower limit"), f"{band.scale.low:g}" if fixed else "")
+            high = Field(text("Upper limit"), f"{band.scale.high:g}" if fixed else "")
         scales.append((kind, low, high))
     return lambda: {
         "bands": [
@@ -139,8 +150,8 @@ def _time_form(chart: Chart) -> Callable[[], Mapping[str, Any]]:
 
 def _loop_form(chart: Chart) -> Callable[[], Mapping[str, Any]]:
     text, xy, titles = chart.text, chart.layout.xy, _titles(chart)
-    x = Field(text("live.horizontal"), xy.x, options=titles)
-    y = Choice(text("live.vertical"), titles, xy.signals, several=True)
+    x = Field(text("Horizontal"), xy.x, options=titles)
+    y = Choice(text("Vertical"), titles, xy.signals, several=True)
     return lambda: {
         "xy": LoopLayout(x=x.value, signals=tuple(name for name in titles if name in y.values))
     }
@@ -148,7 +159,9 @@ def _loop_form(chart: Chart) -> Callable[[], Mapping[str, Any]]:
 
 def _digits_form(chart: Chart) -> Callable[[], Mapping[str, Any]]:
     titles = _titles(chart)
-    numbers = Choice(chart.text("live.numbers"), titles, chart.layout.digits, several=True)
+    numbers = Choice(
+        chart.text("Shown as large numbers"), titles, chart.layout.digits, several=True
+    )
     return lambda: {"digits": tuple(name for name in titles if name in numbers.values)}
 
 
@@ -170,7 +183,7 @@ def open_computed(chart: Chart) -> None:
 
     def fill(example: str) -> None:
         if example in EXAMPLES:
-            title.set(text(f"live.example_{example}"))
+            title.set(text(EXAMPLE_TITLES[example]))
             formula.set(EXAMPLES[example][0])
             unit.set(EXAMPLES[example][1])
 
@@ -197,37 +210,51 @@ def open_computed(chart: Chart) -> None:
                         words("b", channel.title)
                         words("span", f" = {channel.formula}, {channel.unit}")
                     button(
-                        text("live.remove"), partial(remove, channel), "quiet small",
+                        text("Remove"), partial(remove, channel), "quiet small",
                         picture="delete",
                     )  # fmt: skip
 
-    with sheet(text("live.computed")) as dialog:
-        words("p", text("live.computed_explained"))
+    with sheet(text("Computed channels")) as dialog:
+        words(
+            "p",
+            text(
+                "A formula computes with torques in N·m, speeds in rad/s, angles in rad "
+                "and temperatures in K from 0 °C, from the mean values of each row. Its "
+                "unit is checked; the value is shown in the unit that you choose."
+            ),
+        )
         made = box("div", "stack")
-        examples = {"": text("live.example_none")} | {
-            key: text(f"live.example_{key}") for key in EXAMPLES
+        examples = {"": text("Own formula")} | {
+            key: text(title) for key, title in EXAMPLE_TITLES.items()
         }
         with box("div", "columns narrow"):
-            Field(text("live.example"), "", options=examples, on_change=fill)
-            title = Field(text("live.computed_title"), maxlength="40", autocomplete="off")
+            Field(text("Example"), "", options=examples, on_change=fill)
+            title = Field(text("Name"), maxlength="40", autocomplete="off")
             unit = Field(
-                text("live.computed_unit"), "1", options={key: key for key in RESULT_UNITS}
+                text("Unit of the result"), "1", options={key: key for key in RESULT_UNITS}
             )
-        formula = Field(
-            text("live.formula"), maxlength="200", autocomplete="off", spellcheck="false"
-        )
+        formula = Field(text("Formula"), maxlength="200", autocomplete="off", spellcheck="false")
         wrong = words("div", "", "bad-text", role="alert")
         with box("details"):
-            words("summary", text("live.names"))
+            words(
+                "summary",
+                text(
+                    "Names that a formula may use (also ratio, Nm, W, kW, rpm, deg, rad, s, K, "
+                    "abs, sqrt, min, max)"
+                ),
+            )
             with box("div", "stack"):
                 table(
-                    text("live.names"),
-                    [(text(f"live.{key}"), False) for key in ("name", "signal", "unit")],
+                    text(
+                        "Names that a formula may use (also ratio, Nm, W, kW, rpm, deg, rad, s, K, "
+                        "abs, sqrt, min, max)"
+                    ),
+                    headings(text, "Name", "Signal", "Unit"),
                     [
                         (name, column_title(text, signal), unit_of_name(signal))
                         for name, signal in FORMULA_NAMES.items()
                     ],
                 )
         with foot(text, dialog):
-            button(text("live.add"), add, "primary")
+            button(text("Add"), add, "primary")
     show()

@@ -41,6 +41,7 @@ from torquebench.panel.service import (
     histogram,
     spectrum,
 )
+from torquebench.panel.text import Texts
 from torquebench.units import minus_signs
 
 __all__ = ["SPANS", "LiveChart"]
@@ -51,8 +52,19 @@ MOST_POINTS = 600
 MOST_LINES = 1200
 """Largest number of values of a spectrum; more would slow the browser down."""
 SPANS = {"seconds_10": 10.0, "minute_1": 60.0, "minutes_10": 600.0, "hour_1": 3600.0}
+SPAN_TITLES: Texts = {
+    "seconds_10": "10 s",
+    "minute_1": "1 min",
+    "minutes_10": "10 min",
+    "hour_1": "1 h",
+}
 VIEWS: Mapping[View, str] = {"time": "show_chart", "xy": "timeline", "digits": "pin"}
 """Icon of each view."""
+VIEW_TITLES: Texts = {
+    "time": "Charts over time",
+    "xy": "XY plot",
+    "digits": "Large numbers",
+}
 WHOLE_RANGE_UNITS = ("N·m", "rpm")
 COLOURS = {
     "raw_nm": "--series-raw",
@@ -73,28 +85,29 @@ FLOORS = {
 }
 """Smallest span of the left and the right scale, by unit; other units have none."""
 COMPUTED_COLOURS = ("--series-4", "--series-3", "--warn", "--ink", "--series-1", "--series-2")
-TOOLS = (
-    "tools",
-    "more",
-    "live",
-    "zoom_in",
-    "zoom_out",
-    "earlier",
-    "later",
-    "cursors",
-    "cursor",
-    "peaks",
-    "picture",
-    "table",
-    "values",
-    "shown",
-    "between",
-    "minimum",
-    "maximum",
-    "mean",
-    "lowest",
-    "highest",
-)
+TOOLS: Texts = {
+    "tools": "Chart tools",
+    "more": "More",
+    "live": "Live",
+    "zoom_in": "Zoom in",
+    "zoom_out": "Zoom out",
+    "earlier": "Earlier",
+    "later": "Later",
+    "cursors": "Cursors",
+    "cursor": "Cursor",
+    "peaks": "Peak hold",
+    "picture": "Picture",
+    "table": "CSV",
+    "values": "Values of the shown span",
+    "shown": "Shown: {seconds} s",
+    "between": "B − A: {seconds} s",
+    "minimum": "Minimum",
+    "maximum": "Maximum",
+    "mean": "Mean",
+    "lowest": "Lowest held",
+    "highest": "Highest held",
+}
+"""Texts that the chart's script shows."""
 
 
 class LiveChart:
@@ -120,9 +133,12 @@ class LiveChart:
         self._sequence = 0
         self._marks = -1
         with panel(classes="live-chart"):
-            said = {key: self.text(f"chart.{key}") for key in TOOLS}
+            said = {key: self.text(title) for key, title in TOOLS.items()}
+            label = self.text(
+                "Chart of torque and speed over time. The numbers above are the newest values."
+            )
             self.trend = Trend(
-                self.text("live.trend_label"), said, "torquebench-live", places, region,
+                label, said, "torquebench-live", places, region,
                 self._finer, self._remember,
             )  # fmt: skip
             self._controls()
@@ -133,35 +149,39 @@ class LiveChart:
     def _controls(self) -> None:
         text = self.text
         with self.trend:
-            with box("span", "group views", role="group", aria_label=text("live.view")):
+            with box("span", "group views", role="group", aria_label=text("View")):
                 self._views = {view: self._view_button(view) for view in get_args(View)}
-            with box("span", "group spans", role="group", aria_label=text("live.window")):
+            with box("span", "group spans", role="group", aria_label=text("Span of time")):
                 self._spans = {key: self._span_button(key) for key in SPANS}
             button(
-                text("record.short"),
+                text("Record"),
                 lambda: open_recording(self.visitor),
                 "small",
                 picture="fiber_manual_record",
             )
         with self.trend.add_slot("menu"):
-            for key, action, picture in (
-                ("channels_short", lambda: open_channels(self), "tune"),
-                ("computed_short", lambda: open_computed(self), "calculate"),
-                ("marker", self._open_marker, "bookmark_add"),
-                ("spectrum_short", self._open_analysis, "equalizer"),
+            for title, action, picture in (
+                (text("Channels"), lambda: open_channels(self), "tune"),
+                (text("Computed channels"), lambda: open_computed(self), "calculate"),
+                (text("Marker"), self._open_marker, "bookmark_add"),
+                (text("Spectrum"), self._open_analysis, "equalizer"),
             ):
-                button(text(f"live.{key}"), action, "quiet small", picture=picture)
+                button(title, action, "quiet small", picture=picture)
 
     def _span_button(self, key: str) -> Any:
         pressed = "true" if key == self.layout.span else "false"
         made = words(
-            "button", self.text(f"live.{key}"), "control small", type="button", aria_pressed=pressed
+            "button",
+            self.text(SPAN_TITLES[key]),
+            "control small",
+            type="button",
+            aria_pressed=pressed,
         )
         on_press(made, lambda: self.choose(key))
         return made
 
     def _view_button(self, view: View) -> Any:
-        title = self.text(f"live.view_{view}")
+        title = self.text(VIEW_TITLES[view])
         pressed = "true" if view == self.layout.view else "false"
         made = box(
             "button", "control small", type="button", aria_pressed=pressed, aria_label=title,
@@ -251,13 +271,13 @@ class LiveChart:
         axes = self.layout.axes(band.signals)
         signals = self.layout.signals
         for place, (unit, side) in enumerate(axes):
-            titles.append(f"{self.text(f'side.{side}')}, {unit}" if side else unit)
+            titles.append(f"{self.text.title(side)}, {unit}" if side else unit)
             floors.append(self._floor(band, unit, side, place))
         if len(titles) == 1 and titles[0] == axes[0][0]:
             sides = {signals[name].side for name in band.signals}
             only = sides.pop() if len(sides) == 1 else ""
             if only:
-                titles[0] = f"{self.text(f'side.{only}')}, {titles[0]}"
+                titles[0] = f"{self.text.title(only)}, {titles[0]}"
         return Band(
             titles[0],
             floors[0],
@@ -364,31 +384,37 @@ class LiveChart:
 
         ask(
             text,
-            text("live.marker"),
-            text("live.marker_explained" if self.trend.view is None else "live.marker_held"),
+            text("Marker"),
+            text(
+                "The marker is set at this moment. Every page shows it, the log contains "
+                "it, and runs that are being recorded keep it."
+                if self.trend.view is None
+                else "The marker is set at the middle of the shown span. Every page shows it, "
+                "the log contains it, and runs that are being recorded keep it."
+            ),
             put,
-            confirm=text("live.marker_put"),
-            field=text("live.marker_note"),
+            confirm=text("Set the marker"),
+            field=text("Note"),
         )
 
     # -- spectrum and histogram -------------------------------------------------------------
 
     def _open_analysis(self) -> None:
         text = self.text
-        with sheet(text("live.spectrum")) as dialog:
+        with sheet(text("Spectrum and histogram")) as dialog:
             dialog.classes("wide")
             latest = self.visitor.service.live.latest()
             there = [name for name in TORQUE_SIGNALS if latest[name].value is not None]
             options = sorted(there or TORQUE_SIGNALS, key=lambda name: name not in self._names)
             self._signal = Choice(
-                text("live.signal"),
+                text("Signal"),
                 {name: column_title(text, name) for name in options},
                 options[0],
                 on_change=self._analyse,
             )
             self._found = box("div", "stack")
             with foot(text, dialog):
-                button(text("live.again"), self._analyse, picture="refresh")
+                button(text("Analyse the shown span again"), self._analyse, picture="refresh")
         self._analyse()
 
     def _analyse(self) -> None:
@@ -407,7 +433,9 @@ class LiveChart:
             words(
                 "p",
                 text(
-                    "live.analysed",
+                    "{count} readings of {seconds} s, {rate} a second: mean {mean} N·m, "
+                    "standard deviation {deviation} N·m. Frequencies closer than {resolution} "
+                    "Hz are not separated. Two minutes of single readings are kept.",
                     seconds=f"{windows.time_s[-1] - windows.time_s[0]:.2f}",
                     count=windows.time_s.size,
                     mean=minus_signs(f"{classes.mean_nm:.4f}"),
@@ -422,15 +450,15 @@ class LiveChart:
                 frequency, amplitude = _reduced(lines.frequency_hz, lines.amplitude_nm, step)
                 title = self.title(self._signal.value)
                 Chart(
-                    text("live.spectrum_label"),
-                    text("live.frequency"),
-                    text("live.amplitude"),
+                    text("Amplitude of the signal over frequency, without its mean."),
+                    text("Frequency, Hz"),
+                    text("Amplitude (peak), N·m"),
                     [Line(title, frequency, amplitude)],
                 )
                 Chart(
-                    text("live.histogram_label"),
-                    text("live.torque"),
-                    text("live.count"),
+                    text("Number of readings over torque."),
+                    text("Torque, N·m"),
+                    text("Readings"),
                     [Line(title, classes.centre_nm.tolist(), classes.count.tolist())],
                 )
 

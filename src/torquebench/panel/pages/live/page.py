@@ -22,7 +22,7 @@ from torquebench.panel.pages.live.chart import LiveChart
 from torquebench.panel.pages.page import page
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import BenchSnapshot, SideSnapshot
-from torquebench.panel.text import Text
+from torquebench.panel.text import Text, Texts
 from torquebench.units import unit_of_name
 
 __all__ = ["live_page"]
@@ -30,14 +30,20 @@ __all__ = ["live_page"]
 PUSH_S = 1.0 / 40.0
 """Interval at which a page requests rows, s; shorter than the rows' interval, so none waits
 long."""
-FACTS = {
-    "speed_input": ("input_speed_rpm", 2),
-    "speed_output": ("output_speed_rpm", 3),
-    "angle_input": ("input_angle_deg", 2),
-    "angle_output": ("output_angle_deg", 3),
-    "temperature_input": ("input_temperature_c", 1),
-    "temperature_output": ("output_temperature_c", 1),
-    "efficiency": ("efficiency_percent", 1),
+FACTS: Texts = {
+    "input_speed_rpm": "Input speed",
+    "output_speed_rpm": "Output speed",
+    "input_angle_deg": "Input angle",
+    "output_angle_deg": "Output angle",
+    "input_temperature_c": "Input temperature",
+    "output_temperature_c": "Output temperature",
+    "efficiency_percent": "Efficiency",
+}
+FACT_DECIMALS = {
+    "input_speed_rpm": 2,
+    "output_speed_rpm": 3,
+    "input_angle_deg": 2,
+    "output_angle_deg": 3,
 }
 EFFECTS_EVERY = 2
 """Page refreshes between two updates of the effects."""
@@ -53,21 +59,21 @@ class _Tile:
         self._shown: tuple[Any, ...] = ()
         with panel(classes=f"tile {side}"):
             with box("div", "head"):
-                words("h2", text(f"live.torque_{side}"))
+                words("h2", text("Input torque" if side == "input" else "Output torque"))
                 self._state = box("div", "line")
             with box("div", "value number"):
                 self._value = words("span", "—")
                 words("span", "N·m", "unit")
             self._uncertainty = words("div", "", "uncertainty number")
             with box("div", "pair number"):
-                for key in ("raw", "reference"):
+                for key, title in (("raw", text("Raw")), ("reference", text("Standard"))):
                     with box("span"):
-                        words("span", text(f"live.{key}") + " ")
+                        words("span", f"{title} ")
                         self.places[f"{side}_{key}_nm"] = (words("b", "—"), DECIMALS[side])
                         words("span", " N·m")
                 with box("span"):
                     before, after = text(
-                        "live.full_scale", percent="#", range=f"{range_nm:g}"
+                        "{percent} % of ±{range} N·m", percent="#", range=f"{range_nm:g}"
                     ).split("#")
                     words("span", before)
                     self.places[f"{side}_share"] = (words("span", "—"), 1)
@@ -90,39 +96,43 @@ class _Tile:
         if self._shown[:1] != known[:1]:
             self._compensation(side)
         self._shown = known
-        said = text("live.no_uncertainty")
+        said = text("Raw reading: no uncertainty is stated")
         if uncertainty is not None:
-            said = text("live.uncertainty", value=f"{uncertainty:.{DECIMALS[self._side]}f}")
+            said = text("± {value} N·m (k = 2)", value=f"{uncertainty:.{DECIMALS[self._side]}f}")
         self._uncertainty.set_text(said if state is None or uncertainty is not None else "")
         fault = side.torque.fault
-        self._fault.set_text(text("live.fault", fault=text.core(fault)) if fault else "")
+        self._fault.set_text(text("No value: {fault}", fault=text(fault)) if fault else "")
 
     def _compensation(self, side: SideSnapshot) -> None:
         text, state = self._text, side.compensation
         with refilled(self._state):
             with box("span", "stale-note"):
-                tag(text("live.stale"), "bad", "history_toggle_off")
+                tag(text("Old values"), "bad", "history_toggle_off")
             if state is None:
                 tag(text.title("not compensated"), "warn", "warning")
                 with refilled(self._about):
-                    words("span", text.core(side.compensation_problem))
+                    words("span", text(side.compensation_problem))
                 return
-            kind = text.core(model_title(state.kind))
+            kind = text(model_title(state.kind))
             if state.valid:
-                tag(text("live.compensated_by", kind=kind, number=state.model_id), "good", "check")
+                tag(
+                    text("Compensated: {kind}, model {number}", kind=kind, number=state.model_id),
+                    "good",
+                    "check",
+                )
                 until = (
-                    text("live.valid_until", due=state.due.isoformat())
+                    text("valid until {due}", due=state.due.isoformat())
                     if state.due
-                    else text("live.valid_always")
+                    else text("without an end of validity")
                 )
                 self._tell(state.made, f", {until}; {side.transducer_serial}")
             else:
-                tag(text("live.expired", due=str(state.due)), "bad", "event_busy")
+                tag(text("Calibration expired {due}", due=str(state.due)), "bad", "event_busy")
                 self._tell(state.made)
 
     def _tell(self, made: datetime, more: str = "") -> None:
         with refilled(self._about):
-            words("span", f"{self._text('live.made')} ")
+            words("span", f"{self._text('made')} ")
             moment(made)
             words("span", more)
 
@@ -150,10 +160,10 @@ class _LivePage:
                     places |= {key: where for key, where in tile.places.items() if key != "torque"}
                     places[f"{side}_torque"] = tile.places["torque"]
                 with panel(classes="facts"), box("dl", "pairs"):
-                    for key, (signal, decimals) in FACTS.items():
-                        words("dt", text(f"live.{key}"))
+                    for signal, title in FACTS.items():
+                        words("dt", text(title))
                         with box("dd", "number"):
-                            places[signal] = (words("span", "—"), decimals)
+                            places[signal] = (words("span", "—"), FACT_DECIMALS.get(signal, 1))
                             words("span", f" {unit_of_name(signal)}", "unit")
             with box("div", "stack"):
                 self.chart = LiveChart(self.visitor, places, region)
@@ -184,7 +194,7 @@ class _LivePage:
                 table.refresh()
 
 
-@page("live", "/", picture="speed", place=1)
+@page("live", "/", "Live", picture="speed", place=1)
 def live_page(visitor: Visitor) -> None:
     """Build the live page."""
     page = _LivePage(visitor)

@@ -71,10 +71,10 @@ class FileField(Field):
             reference = self._visitor.service.files.add(raw, str(name))
         except TorquebenchError as error:
             self.set("")
-            self.wrong(f"{name}: {self._visitor.text.core(error.allowed)}")
+            self.wrong(f"{name}: {self._visitor.text(error.allowed)}")
             return
         except (binascii.Error, ValueError):
-            self.wrong(self._visitor.text.core("The file couldn't be read."))
+            self.wrong(self._visitor.text("The file couldn't be read."))
             return
         self.set(f"{self.value}, {reference}" if self._several and number else reference)
         self.wrong("")
@@ -102,5 +102,5 @@ def file_buttons(visitor: Visitor, files: Sequence[str]) -> None:
             for each in kept:
                 name = each.partition("/")[2]
                 action = partial(visitor.attempt, partial(download, visitor, each))
-                label = visitor.text("certificate.fetch", name=name)
+                label = visitor.text("Download {name}", name=name)
                 button(label, action, picture="download")

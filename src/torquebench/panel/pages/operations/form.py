@@ -33,8 +33,8 @@ RADIO = 7
 def choice_words(text: Text, name: str) -> str:
     """Return the label of a choice: a model, a signal or another value."""
     if name in MODEL_NAMES:
-        return text.core(model_title(name))
-    return column_title(text, name) if unit_of_name(name) else text.core(name)
+        return text(model_title(name))
+    return column_title(text, name) if unit_of_name(name) else text(name)
 
 
 class BenchClear:
@@ -44,8 +44,8 @@ class BenchClear:
         self._choice: Choice | None = None
         if not visitor.service.snapshot().simulated:
             text = visitor.text
-            options = {"clear": text("prepare.clear_confirmed")}
-            self._choice = Choice(text("prepare.clear"), options, several=True)
+            options = {"clear": text("Nobody is at the moving parts; the bench may be loaded.")}
+            self._choice = Choice(text("Safety"), options, several=True)
 
     @property
     def confirmed(self) -> bool:
@@ -105,7 +105,7 @@ class OperationForm:
                 self._record(each, each.record)
         if plain:
             with box("details"):
-                words("summary", text.core("Expert"))
+                words("summary", text("Expert"))
                 with box("div", "columns narrow"):
                     for each in plain:
                         self._add(each)
@@ -115,9 +115,9 @@ class OperationForm:
         before = self._given.get(asked.name) or {}
         readers: dict[str, Callable[[], Any]] = {}
         with box("details"):
-            words("summary", self._text.core(asked.title))
+            words("summary", self._text(asked.title))
             with box("div", "stack"):
-                words("p", self._text.core(asked.help), "small muted")
+                words("p", self._text(asked.help), "small muted")
                 with box("div", "columns narrow"):
                     for part in parameters(record):
                         value = before.get(part.name) if isinstance(before, Mapping) else None
@@ -136,14 +136,14 @@ class OperationForm:
     def _reader(self, asked: Parameter, value: Any, key: str) -> Callable[[], Any]:
         """Add the control of a parameter; return a function that reads its value."""
         text = self._text
-        title, hint = text.core(asked.title), text.core(asked.help)
+        title, hint = text(asked.title), text(asked.help)
         options = self._options(asked)
         if asked.kind == "flag" and not asked.optional:
             chosen = ("on",) if value else ()
             flag = Choice(title, {"on": hint}, chosen, several=True, on_change=self._changed)
             return lambda: "on" in flag.values
         if asked.kind == "flag":
-            options = {"": "–", "yes": text.core("yes"), "no": text.core("no")}
+            options = {"": "–", "yes": text("yes"), "no": text("no")}
             value = "" if value is None else "yes" if value else "no"
         if options is not None and asked.several:
             several = Choice(
@@ -157,7 +157,7 @@ class OperationForm:
             return lambda: radio.value
         if options is not None and asked.optional:
             options = {"": "–"} | options
-        limits = text.core(asked.limits)
+        limits = text(asked.limits)
         hint = f"{hint} ({limits})" if limits and hint else hint or limits
         if (asked.kind == "path" and not asked.output) or asked.file:
             self._fields[key] = chosen_file = FileField(
@@ -194,7 +194,7 @@ class OperationForm:
                 else [*MODELS, *NETWORKS]
             )
             return {
-                name: text.core(model_title(name))
+                name: text(model_title(name))
                 for name in kinds
                 if name not in ("polynomial", "network")
             }
@@ -206,7 +206,7 @@ class OperationForm:
             }
         titles = asked.titles
         return {
-            each: text.core(titles[each]) if each in titles else choice_words(text, each)
+            each: text(titles[each]) if each in titles else choice_words(text, each)
             for each in asked.choices
         } or None
 
@@ -245,16 +245,16 @@ class OperationForm:
         faults = faults_of(self._operation.request, self.request(), "")
         for key, field in self._fields.items():
             fault = faults.get(key)
-            allowed = "" if fault is None else text.core(fault.allowed)
-            wrong = text("alarms.allowed", allowed=allowed) if allowed else ""
-            field.wrong("" if fault is None else wrong or text.core(fault.found))
+            allowed = "" if fault is None else text(fault.allowed)
+            wrong = text("Allowed: {allowed}", allowed=allowed) if allowed else ""
+            field.wrong("" if fault is None else wrong or text(fault.found))
         return not faults
 
 
 def settings_title(text: Text, document: Mapping[str, Any], name: str) -> str:
     """Return a profile's or a reducer's title."""
     title = document.get("title") or document.get("name")
-    return text.core(str(title)) if title else name
+    return text(str(title)) if title else name
 
 
 def _value(asked: Parameter, said: str) -> Any:

@@ -46,7 +46,7 @@ def show_result(visitor: Visitor, result: Any) -> None:
     """Show a result: headline with verdict, warnings, description."""
     text = visitor.text
     verdict = text.verdict(result.verdict)
-    note(text.core(result.headline), verdict_kind(result.verdict), title=verdict)
+    note(text(result.headline), verdict_kind(result.verdict), title=verdict)
     show_description(visitor, result)
 
 
@@ -61,11 +61,11 @@ def describe(text: Text, operation: Operation) -> None:
     """Show an operation's description without its summary, which is the page's heading."""
     for paragraph in operation.paragraphs[1:]:
         if isinstance(paragraph, str):
-            words("p", text.core(paragraph), "muted")
+            words("p", text(paragraph), "muted")
             continue
         with box("ul", "muted"):
             for item in paragraph:
-                words("li", text.core(item))
+                words("li", text(item))
 
 
 class OperationPanel:
@@ -102,13 +102,13 @@ class OperationPanel:
                         on_change=self._preview,
                     )
                     if operation.signed:
-                        self._password = Field(text("sign.password"), kind="password")
+                        self._password = Field(text("Your password"), kind="password")
                     with box("div", "line"):
-                        button(text("job.start"), self._begin, "primary", picture="play_arrow")
+                        button(text("Start"), self._begin, "primary", picture="play_arrow")
                         if operation.trial:
-                            button(text.core("Check first"), self._try, picture="search")
+                            button(text("Check first"), self._try, picture="search")
                         if not operation.signed:
-                            button(text.core("Add to the queue"), self._add, picture="playlist_add")
+                            button(text("Add to the queue"), self._add, picture="playlist_add")
                 if operation.preview is not None:
                     with panel():
                         self._plan = Preview(self._visitor, operation.key)
@@ -139,7 +139,7 @@ class OperationPanel:
                 self._visitor.service.queue.add,
                 self._operation.name,
                 self._form.request(),
-                success=self._text.core("It waits in the queue, on the page of operations."),
+                success=self._text("It waits in the queue, on the page of operations."),
             )
 
     def _done(self, result: Any) -> None:
@@ -204,27 +204,25 @@ def operation_dialog(visitor: Visitor, name: str, given: Any = None, hidden: Any
     async def start() -> None:
         await begin(visitor, operation, form, password, lambda _: dialog.close())
 
-    with ui.context.client.content, sheet(text.core(operation.summary)) as dialog:
+    with ui.context.client.content, sheet(text(operation.summary)) as dialog:
         form = OperationForm(visitor, operation, given, hidden)
         if operation.signed:
-            password = Field(text("sign.password"), kind="password")
+            password = Field(text("Your password"), kind="password")
         with foot(text, dialog):
-            button(text("job.start"), start, "primary", picture="play_arrow")
+            button(text("Start"), start, "primary", picture="play_arrow")
 
 
 def operation_buttons(visitor: Visitor) -> None:
     """Add the buttons for zeroing and the daily check, which open a dialog."""
     text = visitor.text
     with box("div", "line"):
+        button(text("Zeroing"), lambda: operation_dialog(visitor, "zero"), picture="exposure_zero")
         button(
-            text("quick.zero"), lambda: operation_dialog(visitor, "zero"), picture="exposure_zero"
-        )
-        button(
-            text("quick.check"), lambda: operation_dialog(visitor, "check"), picture="fact_check"
+            text("Daily check"), lambda: operation_dialog(visitor, "check"), picture="fact_check"
         )
 
 
-@page("operations", "/operations", picture="playlist_play", place=7)
+@page("operations", "/operations", "Operations", picture="playlist_play", place=7)
 def operations_page(visitor: Visitor) -> None:
     """Build the list of all operations."""
     text = visitor.text
@@ -234,7 +232,7 @@ def operations_page(visitor: Visitor) -> None:
         with panel(), box("ul", "stack operations"):
             for operation in offered(visitor):
                 with box("li"):
-                    words("a", text.core(operation.summary), href=f"/operations/{operation.key}")
+                    words("a", text(operation.summary), href=f"/operations/{operation.key}")
                     words("div", operation.name, "small muted")
 
 
@@ -246,11 +244,11 @@ def operation_page(visitor: Visitor) -> None:
         operation = find_operation(visitor.query["key"])
     except TorquebenchError as error:
         with frame(visitor, "operations"):
-            empty(text.core(error.found), "search_off")
+            empty(text(error.found), "search_off")
         return
     given = {name: value for name, value in visitor.query.items() if name != "key"}
     shown = OperationPanel(visitor, operation, given)
-    with frame(visitor, "operations", shown.refresh, text.core(operation.summary)):
+    with frame(visitor, "operations", shown.refresh, text(operation.summary)):
         if not visitor.has_role(operation.role):
             visitor.not_allowed()
             return

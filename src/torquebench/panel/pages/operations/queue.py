@@ -10,6 +10,7 @@ from nicegui import ui
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.elements import (
     box,
+    headings,
     icon,
     note,
     panel,
@@ -20,6 +21,7 @@ from torquebench.panel.components.elements import (
 from torquebench.panel.pages.operations.form import BenchClear
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import QueueItem, QueueView
+from torquebench.panel.text import JOB_STATES
 
 __all__ = ["QueuePanel"]
 
@@ -36,12 +38,12 @@ class QueuePanel:
 
     def build(self) -> None:
         """Make the panel's elements."""
-        with panel(self._text.core("Queue")), box("div", "stack"):
+        with panel(self._text("Queue")), box("div", "stack"):
             self._state = box("div", "stack")
             self._clear = BenchClear(self._visitor)
             self._items = box("div")
             with box("details"):
-                words("summary", self._text.core("History"))
+                words("summary", self._text("History"))
                 self._history = box("div")
 
     def refresh(self) -> None:
@@ -59,28 +61,28 @@ class QueuePanel:
                     for item in view.items:
                         self._show_item(item, waiting)
             else:
-                words("p", self._text.core("Nothing waits. Every operation can be added."), "muted")
+                words("p", self._text("Nothing waits. Every operation can be added."), "muted")
         with refilled(self._history):
             self._show_history()
 
     def _show_state(self, view: QueueView) -> None:
         text = self._text
         if view.reason:
-            note(text.sentence(view.reason), "warn", title=text.core("The queue has stopped"))
+            note(text.sentence(view.reason), "warn", title=text("The queue has stopped"))
         with box("div", "line"):
             if view.running:
-                button(text.core("Begin no further"), self._pause, picture="pause")
+                button(text("Begin no further"), self._pause, picture="pause")
                 icon("autorenew")
-                words("span", text.core(view.started_by), "muted")
+                words("span", text(view.started_by), "muted")
             elif view.items:
-                button(text.core("Start the queue"), self._start, "primary", picture="play_arrow")
+                button(text("Start the queue"), self._start, "primary", picture="play_arrow")
 
     def _show_item(self, item: QueueItem, waiting: list[QueueItem]) -> None:
         text = self._text
         with box("li"), box("div", "spread"):
             with box("div"):
-                words("div", text.core(item.title))
-                words("div", f"{text.core(item.state)} · {item.added_by}", "small muted")
+                words("div", text(item.title))
+                words("div", f"{text(item.state)} · {item.added_by}", "small muted")
             if item not in waiting:
                 return
             place = waiting.index(item)
@@ -90,9 +92,9 @@ class QueuePanel:
                     ("Move down", "arrow_downward", place + 1, place == len(waiting) - 1),
                 ):
                     move = partial(self._change, self._queue.move, item.number, to)
-                    button(text.core(words_), move, "quiet small", picture=picture, disabled=last)
+                    button(text(words_), move, "quiet small", picture=picture, disabled=last)
                 remove = partial(self._change, self._queue.remove, item.number)
-                button(text.core("Remove"), remove, "quiet small", picture="close")
+                button(text("Remove"), remove, "quiet small", picture="close")
 
     def _show_history(self) -> None:
         """List the last operations, from the queue or not; each opens its result."""
@@ -100,19 +102,19 @@ class QueuePanel:
         rows = [
             (
                 each.started,
-                text.core(each.title),
-                text.verdict(each.verdict) or text(f"job.state_{each.state}"),
-                text.core(each.headline),
+                text(each.title),
+                text.verdict(each.verdict) or text(JOB_STATES[each.state]),
+                text(each.headline),
             )
             for each in jobs
         ]
-        columns = [(text.core(each), False) for each in ("started", "operation", "state", "result")]
+        columns = headings(text, "started", "operation", "state", "result")
         table(
-            text.core("History"),
+            text("History"),
             columns,
             rows,
             on_row=lambda row: ui.navigate.to(f"/jobs/{jobs[row].job_id}"),
-            open_label=text.core("Open"),
+            open_label=text("Open"),
         )
 
     def _change(self, action: Callable[..., None], *arguments: int) -> None:

@@ -41,7 +41,7 @@ def column_title(text: Text, column: str, *, samples: bool = False) -> str:
     >>> column_title(english, "oil_c")
     'Temperature oil'
     """
-    title = text.core(column_of(column, samples=samples).title)
+    title = text(column_of(column, samples=samples).title)
     return title[:1].upper() + title[1:] if title else column
 
 
@@ -68,5 +68,5 @@ def stream_title(text: Text, stream: str) -> str:
     """
     side = stream.removeprefix("zero_")
     if side in SIDES and side != stream:
-        return text("column.stream_zero", side=text(f"side.{side}"))
-    return text.maybe(f"column.stream_{stream}", stream)
+        return text("Zero, {side}", side=text.title(side))
+    return text("Points") if stream == "points" else text(stream)

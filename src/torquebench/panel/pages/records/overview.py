@@ -31,22 +31,33 @@ from torquebench.panel.pages.records.run import doubt_notes, run_title
 from torquebench.panel.pages.records.samples import run_address
 from torquebench.panel.pages.view import View, part, tabs
 from torquebench.panel.pages.visitor import Visitor, profile_titles
-from torquebench.panel.text import Text
+from torquebench.panel.text import Text, Texts
 from torquebench.records.signatures import how
 from torquebench.units import minus_signs
 
 __all__ = ["drift_lines", "records_page"]
 
 ROWS = 25
-KINDS = {
-    "calibrate": "calibrat",
-    "verify": "verify",
-    "check": "check",
-    "zero": "zero",
-    "test": "test",
-    "record": "record",
+ACTS: Texts = {
+    "checked": "Checked by {who}: {how}.",
+    "used": "Put into use by {who}: {how}.",
+    "authorised": "Authorised by {who}: {how}.",
 }
-"""Prefix of the kinds of runs in each category; an external table counts as a calibration."""
+TABS: Texts = {
+    "runs": "Runs",
+    "calibrations": "Calibrations",
+    "drift": "Drift",
+    "certificates": "Certificates",
+}
+KINDS: Texts = {
+    "calibrat": "calibrations",
+    "verify": "verifications",
+    "check": "daily checks",
+    "zero": "zeros",
+    "test": "reducer tests",
+    "record": "recordings",
+}
+"""Categories of runs by the beginning of their kinds; an external table is a calibration."""
 STATES = ("completed", "aborted", "failed", "running")
 
 
@@ -57,19 +68,19 @@ class _Runs(View):
 
     def build(self) -> None:
         text = self._text
-        kinds = {beginning: text(f"records.kind_{kind}") for kind, beginning in KINDS.items()}
-        states = {state: text.core(state) for state in STATES}
-        either = {"": text("records.any")}
+        kinds = {beginning: text(title) for beginning, title in KINDS.items()}
+        states = {state: text(state) for state in STATES}
+        either = {"": text("any")}
         unfinished_notes(self._visitor)
-        with panel(text("records.runs")), box("div", "stack"):
+        with panel(text("Runs")), box("div", "stack"):
             with box("div", "columns narrow"):
-                self._search = Field(text("records.search"), kind="search", on_change=self._first)
-                self._kind = Field(
-                    text("records.kind"), options=either | kinds, on_change=self._first
+                self._search = Field(
+                    text("Search in number, kind, person, profile"),
+                    kind="search",
+                    on_change=self._first,
                 )
-                self._status = Field(
-                    text("records.status"), options=either | states, on_change=self._first
-                )
+                self._kind = Field(text("Kind"), options=either | kinds, on_change=self._first)
+                self._status = Field(text("State"), options=either | states, on_change=self._first)
             self._list = box("div", "stack")
         self._show()
 
@@ -89,7 +100,13 @@ class _Runs(View):
         with refilled(self._list):
             if not page.runs:
                 asked = self._search.value or self._kind.value or self._status.value
-                empty(text("records.nothing_found" if asked else "records.no_runs"))
+                empty(
+                    text(
+                        "Nothing matches. Use fewer search words."
+                        if asked
+                        else "No runs yet. A calibration or a test makes the first one."
+                    )
+                )
                 return
             doubt_notes(text, (*page.doubts, *(doubt for run in page.runs for doubt in run.doubts)))
             rows = [
@@ -97,17 +114,17 @@ class _Runs(View):
                     run.started,
                     run_title(text, run.kind),
                     run.operator,
-                    text.core(run.status),
+                    text(run.status),
                     run.run_id,
                 )
                 for run in page.runs
             ]
             table(
-                text("records.runs"),
-                headings(text, "records", "started kind operator status number"),
+                text("Runs"),
+                headings(text, "Started", "Kind", "By", "State", "Number"),
                 rows,
                 on_row=lambda place: ui.navigate.to(run_address(page.runs[place].run_id)),
-                open_label=text("records.open"),
+                open_label=text("Open"),
             )
             self._pager(page.total)
 
@@ -115,13 +132,14 @@ class _Runs(View):
         text = self._text
         last = min(self._offset + ROWS, total)
         with box("div", "spread"):
-            words("span", text("records.shown", first=self._offset + 1, last=last, total=total),
-                  "muted")  # fmt: skip
+            first = self._offset + 1
+            said = text("{first} to {last} of {total}", first=first, last=last, total=total)
+            words("span", said, "muted")
             with box("div", "line"):
                 if self._offset:
-                    button(text("records.newer"), lambda: self._turn(-ROWS), "small")
+                    button(text("Newer"), lambda: self._turn(-ROWS), "small")
                 if last < total:
-                    button(text("records.older"), lambda: self._turn(ROWS), "small")
+                    button(text("Older"), lambda: self._turn(ROWS), "small")
 
     def _turn(self, by: int) -> None:
         self._offset = max(0, self._offset + by)
@@ -136,7 +154,7 @@ class _Calibrations(View):
         self._chosen = [int(number) for number in named if number.isdecimal()][: len(COLOURS) - 1]
         if self._visitor.has_role("metrologist"):
             with box("div", "line end"):
-                link_button(self._text("external.open"), "/operations/records-import")
+                link_button(self._text("Enter external calibration"), "/operations/records-import")
         self._compared = box("div")
         self._list = box("div")
         self._show()
@@ -147,15 +165,22 @@ class _Calibrations(View):
         calibrations = self._visitor.service.records.calibrations(limit=100)
         models = self._visitor.service.records.models()
         in_use = {
-            model.calibration_id: text("records.in_use", kind=text.core(model_title(model.kind)))
+            model.calibration_id: text("in use: {kind}", kind=text(model_title(model.kind)))
             for model in models
             if model.active
         }
-        with refilled(self._list), panel(text("records.calibrations")):
+        with refilled(self._list), panel(text("Calibrations")):
             if not calibrations:
-                empty(text("records.no_calibrations"), "tune")
+                empty(text("No calibrations yet."), "tune")
                 return
-            words("p", text("records.compare_explained"), "muted")
+            words(
+                "p",
+                text(
+                    "Choose calibrations to compare their errors in one chart, or to continue "
+                    "with one."
+                ),
+                "muted",
+            )
             doubt_notes(text, (doubt for entry in calibrations for doubt in entry.doubts))
             profiles = profile_titles(self._visitor)
             rows = [
@@ -170,13 +195,22 @@ class _Calibrations(View):
                 )
                 for entry in calibrations
             ]
-            keys = "calibration performed transducer profile points due state"
             table(
-                text("records.calibrations"),
-                headings(text, "records", keys, "calibration points"),
+                text("Calibrations"),
+                headings(
+                    text,
+                    "No.",
+                    "Performed",
+                    "Transducer",
+                    "Profile",
+                    "Points",
+                    "Valid until",
+                    "In use",
+                    numbers=("No.", "Points"),
+                ),
                 rows,
                 on_row=lambda place: self._toggle(calibrations[place].calibration_id),
-                open_label=text("records.compare"),
+                open_label=text("Compare"),
                 selected=[
                     place
                     for place, entry in enumerate(calibrations)
@@ -208,22 +242,28 @@ class _Calibrations(View):
             except TorquebenchError as error:
                 self._visitor.messages.problem(error)
                 continue
-            title = f"{text('records.calibration')} {number}"
+            title = f"{text('No.')} {number}"
             lines.append(
-                Line(f"{title}, {text('live.raw')}", curve.standard_nm, curve.raw_error_nm,
+                Line(f"{title}, {text('Raw')}", curve.standard_nm, curve.raw_error_nm,
                      colour, points=True, symbol="emptyCircle")
             )  # fmt: skip
             if curve.model_error_nm:
                 lines.append(
-                    Line(f"{title}, {text('live.line_compensated')}", curve.standard_nm,
+                    Line(f"{title}, {text('Compensated')}", curve.standard_nm,
                          curve.model_error_nm, colour, points=True, symbol="rect")
                 )  # fmt: skip
-        with self._compared, panel(text("records.compared")):
-            error_chart(text, "models.curves_label", lines, tall=True)
+        with self._compared, panel(text("Errors compared")):
+            error_chart(
+                text,
+                "Error of the raw reading, and what every shown model takes off it, over "
+                "the standard torque.",
+                lines,
+                tall=True,
+            )
             with box("div", "line"):
                 for number in self._chosen:
                     button(
-                        text("records.take_up", number=number),
+                        text("Open calibration {number} in the wizard", number=number),
                         partial(ui.navigate.to, calibration_address(number)),
                         picture="tune",
                     )
@@ -232,13 +272,13 @@ class _Calibrations(View):
 def drift_lines(text: Text, series: DriftSeries) -> list[Line]:
     """Return the values over time, and the lines of the control chart, if there is one."""
     moments = [moment.timestamp() for moment in series.moments]
-    lines = [Line(text("records.values"), moments, series.values, "--series-1", points=True)]
+    lines = [Line(text("values"), moments, series.values, "--series-1", points=True)]
     chart = series.chart
     if chart is not None:
         ends = (moments[0], moments[-1])
         lines += [
-            Line(text.core("centre"), ends, [chart.centre] * 2, "--series-3"),
-            limit_lines(text("records.limits"), *ends, chart.lower, chart.upper),
+            Line(text("centre"), ends, [chart.centre] * 2, "--series-3"),
+            limit_lines(text("control limits"), *ends, chart.lower, chart.upper),
         ]
     return lines
 
@@ -255,15 +295,20 @@ class _Drift(View):
                     self._series(serial, series)
         if not any(quantities for _, quantities in drifts):
             with panel():
-                empty(self._text("records.no_drift"), "show_chart")
+                empty(
+                    self._text(
+                        "No data yet. Drift charts are made from zeros, checks and calibrations."
+                    ),
+                    "show_chart",
+                )
 
     def _series(self, serial: str, series: DriftSeries) -> None:
-        text, title = self._text, self._text.core(series.title)
+        text, title = self._text, self._text(series.title)
         with panel(f"{serial}: {title}"):
             if len(series.moments) > 1:  # a single point isn't worth a chart
                 Chart(
-                    text("records.drift_label", title=title),
-                    text("records.time"),
+                    text("{title} over time with control limits.", title=title),
+                    text("time"),
                     f"{title}, {series.unit}",
                     drift_lines(text, series),
                     moments=True,
@@ -271,12 +316,19 @@ class _Drift(View):
             else:
                 said = minus_signs(f"{series.values[0]:.4g} {series.unit}")
                 when = f"{series.moments[0]:%Y-%m-%d}"
-                words("p", text("records.one_value", value=said, when=when))
+                words(
+                    "p",
+                    text(
+                        "One value so far: {value}, on {when}. Two make a chart.",
+                        value=said,
+                        when=when,
+                    ),
+                )
             if series.chart is None:
-                words("p", text("records.too_few"), "muted")
+                words("p", text("Fewer than three values: no control limits yet."), "muted")
             remarks = {series.remark(place) for place in range(len(series.values))} - {""}
             for remark in sorted(remarks):
-                note(text.core(remark), "warn")
+                note(text(remark), "warn")
 
 
 class _Certificates(View):
@@ -287,21 +339,27 @@ class _Certificates(View):
         certificates = self._visitor.service.records.certificates()
         if not certificates:
             with panel():
-                empty(text("records.no_certificates"), "workspace_premium")
+                empty(
+                    text("No certificates yet. The last step of a calibration issues one."),
+                    "workspace_premium",
+                )
         for entry in certificates:
             number, issued = entry.number, f"{entry.issued:%Y-%m-%d}"
-            with panel(text("records.certificate", number=number)), box("div", "stack"):
-                words("p", text("records.issued", when=issued, who=entry.authorised_by,
-                                number=entry.calibration_id))  # fmt: skip
+            with panel(text("Certificate {number}", number=number)), box("div", "stack"):
+                said = text(
+                    "Issued {when}, authorised by {who}, calibration {number}.",
+                    when=issued, who=entry.authorised_by, number=entry.calibration_id,
+                )  # fmt: skip
+                words("p", said)
                 for role, name, signature in entry.acts:
-                    came_about = text.core(how(signature))
-                    words("p", text(f"records.{role}", who=name, how=came_about), "muted")
+                    came_about = text(how(signature))
+                    words("p", text(ACTS[role], who=name, how=came_about), "muted")
                 if entry.superseded_by:
-                    note(text("records.superseded", number=entry.superseded_by), "warn")
+                    note(text("Superseded by {number}.", number=entry.superseded_by), "warn")
                 certificate_buttons(self._visitor, number, tuple(entry.files))
 
 
-@page("records", "/records", picture="folder_open", place=4)
+@page("records", "/records", "Records", picture="folder_open", place=4)
 def records_page(visitor: Visitor) -> None:
     """Build the page of the records."""
     views = {
@@ -311,4 +369,4 @@ def records_page(visitor: Visitor) -> None:
         "certificates": _Certificates,
     }
     with frame(visitor, "records"):
-        tabs(visitor, "records", views)
+        tabs(visitor, "records", TABS, views)

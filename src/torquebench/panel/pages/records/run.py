@@ -38,7 +38,7 @@ from torquebench.panel.pages.records.column_titles import (
 from torquebench.panel.pages.records.samples import RunSamples
 from torquebench.panel.pages.visitor import Visitor, profile_titles
 from torquebench.panel.service import InterruptedView, Marker, RunDetail, RunTable
-from torquebench.panel.text import Text
+from torquebench.panel.text import Text, Texts
 from torquebench.units import minus_signs
 
 __all__ = ["doubt_notes", "run_title"]
@@ -47,23 +47,53 @@ SHOWN_ROWS = 12
 MOST_DOUBTS = 5
 Y_FIRST = ("error_nm", "reading_nm", "torque_nm")
 
+RUN_KINDS: Texts = {
+    "recording": "Recording",
+    "calibrate-input": "Calibration, input module",
+    "calibrate-output": "Calibration, output module",
+    "verify-input": "Verification, input module",
+    "verify-output": "Verification, output module",
+    "check-input": "Daily check, input module",
+    "check-output": "Daily check, output module",
+    "zero": "Zeroing",
+    "no-load-friction": "Friction of the output module",
+    "bench-twist": "Twist of the bench",
+    "dynamics-input": "Dynamics, input module",
+    "dynamics-output": "Dynamics, output module",
+    "empty-run": "Empty run, nothing mounted",
+    "empty-run-input": "Empty run, input module",
+    "empty-run-output": "Empty run, output module",
+    "turning-calibration-input": "Turning calibration, input module",
+    "turning-calibration-output": "Turning calibration, output module",
+    "turning-verification-input": "Turning verification, input module",
+    "turning-verification-output": "Turning verification, output module",
+}
+
 
 def run_title(text: Text, kind: str) -> str:
     """Return the title of a kind of run."""
     name = kind.removeprefix("test-").removesuffix("-short")
     if not kind.startswith("test-") or name not in TESTS:
-        return text.maybe(f"run_kind.{kind}", kind)
+        return text(RUN_KINDS.get(kind, kind))
     title = TESTS[name].title
-    return text.core(Message("{title}, short test", title) if kind.endswith("-short") else title)
+    return text(Message("{title}, short test", title) if kind.endswith("-short") else title)
 
 
 def doubt_notes(text: Text, doubts: Iterable[str]) -> None:
     """Show doubts about records, each once."""
     said = list(dict.fromkeys(doubts))
     for doubt in said[:MOST_DOUBTS]:
-        note(text.core(doubt), "warn", title=text("records.doubtful"))
+        note(text(doubt), "warn", title=text("Doubtful"))
     if len(said) > MOST_DOUBTS:
-        words("p", text("records.more_doubts", count=len(said) - MOST_DOUBTS), "muted")
+        words(
+            "p",
+            text(
+                "{count} more are doubtful: open them, or `torquebench records verify` "
+                "names them all.",
+                count=len(said) - MOST_DOUBTS,
+            ),
+            "muted",
+        )
 
 
 class _RunPanel:
@@ -98,31 +128,33 @@ class _RunPanel:
 
     def _show(self, detail: RunDetail, columns: Sequence[str]) -> None:
         text = self._text
-        with panel(text("run.title", number=self._run_id)), box("div", "stack"):
+        with panel(text("Run {number}", number=self._run_id)), box("div", "stack"):
             with box("div", "line"):
                 if detail.run.finished is not None:
                     from torquebench.records.export.streams import STREAM_FORMATS  # 31 MB
 
                     archive = partial(self._export, "records export", f"{self._run_id}.zip")
-                    button(text("run.export"), archive, picture="download")
-                    formats = {"": text("run.samples_as")} | {
+                    button(text("Export as ZIP"), archive, picture="download")
+                    formats = {"": text("Samples as …")} | {
                         name: name.upper() for name in STREAM_FORMATS
                     }
                     Field(
-                        text("run.samples_file"), "", options=formats, on_change=self._export_data
+                        text("Samples as a file"), "", options=formats, on_change=self._export_data
                     )
                 number = detail.calibration_id
                 if number is not None:
                     address = calibration_address(number)
-                    button(text("resume.take_up"), lambda: ui.navigate.to(address), picture="tune")
+                    button(
+                        text("Open in the wizard"), lambda: ui.navigate.to(address), picture="tune"
+                    )
                 elif (interrupted := self._interrupted(detail.run.status)) is not None:
                     resume_button(self._visitor, interrupted)
-                button(text("frame.close"), lambda: ui.navigate.to("/records"), "quiet",
+                button(text("Close"), lambda: ui.navigate.to("/records"), "quiet",
                        picture="close")  # fmt: skip
             if detail.changes:
-                note("; ".join(detail.changes), "bad", title=text("run.changed"))
+                note("; ".join(detail.changes), "bad", title=text("Changed since it was sealed"))
             elif detail.run.finished is not None:
-                note(text("run.intact"), "good")
+                note(text("Intact: every file is as it was when the run was sealed."), "good")
             doubt_notes(text, detail.run.doubts)
             pairs(self._facts(detail))
             self._annotations(detail.annotations)
@@ -139,34 +171,38 @@ class _RunPanel:
         text, run = self._text, detail.run
         profiles = profile_titles(self._visitor)
         facts: list[tuple[str, str | datetime]] = [
-            (text("records.kind"), run_title(text, run.kind)),
-            (text("records.started"), run.started),
-            (text("records.status"), text.core(run.status)),
-            (text("records.operator"), run.operator or "—"),
+            (text("Kind"), run_title(text, run.kind)),
+            (text("Started"), run.started),
+            (text("State"), text(run.status)),
+            (text("By"), run.operator or "—"),
             (
-                text("records.profile"),
-                profiles.get(run.profile_name, text.core(run.profile_name)) or "—",
+                text("Profile"),
+                profiles.get(run.profile_name, text(run.profile_name)) or "—",
             ),
-            (text("run.bench"), text.core(run.bench) or "—"),
-            (text("run.version"), run.software_version),
+            (text("Bench"), text(run.bench) or "—"),
+            (text("Software"), run.software_version),
         ]
-        for key, name in (("title", "title_of"), ("note", "note"), ("trigger", "trigger")):
+        for key, title in (
+            ("title", text("Title")),
+            ("note", text("Note")),
+            ("trigger", text("Began")),
+        ):
             if said := str(detail.metadata.get(key) or ""):
-                facts.append((text(f"run.{name}"), said))
+                facts.append((title, said))
         if run.reason:
-            facts.insert(3, (text("run.reason"), text.core(run.reason)))
+            facts.insert(3, (text("Why it ended"), text(run.reason)))
         if run.simulated:
-            facts.append((text("run.data"), text("frame.simulated")))
+            facts.append((text("Data"), text("simulated")))
         return facts
 
     def _annotations(self, annotations: Sequence[Marker]) -> None:
         if not annotations:
             return
         text = self._text
-        heads = [(text("run.annotation_time"), True), (text("live.marker_note"), False),
-                 (text("records.operator"), False)]  # fmt: skip
+        heads = [(text("Time"), True), (text("Note"), False),
+                 (text("By"), False)]  # fmt: skip
         rows = [(f"{each.bench_time_s:.2f} s", each.note, each.who) for each in annotations]
-        table(text("run.annotations"), heads, rows)
+        table(text("Annotations"), heads, rows)
 
     def _points(self, part: RunTable) -> None:
         text = self._text
@@ -178,7 +214,9 @@ class _RunPanel:
         if not numbers:
             return
         title = stream_title(text, part.stream)
-        words("h3", text("run.stream", name=title, count=len(next(iter(numbers.values())))))
+        words(
+            "h3", text("{name}, rows: {count}", name=title, count=len(next(iter(numbers.values()))))
+        )
         if "reading_nm" in numbers and "standard_nm" in numbers:
             numbers["error_nm"] = [
                 reading - standard
@@ -196,7 +234,11 @@ class _RunPanel:
         ]
         table(title, [(column_with_unit(text, name), True) for name in names], rows)
         if (count := len(numbers[names[0]])) > SHOWN_ROWS:
-            words("p", text("run.more", shown=SHOWN_ROWS, all=count), "muted small")
+            words(
+                "p",
+                text("… {shown} of {all} rows; the export has all.", shown=SHOWN_ROWS, all=count),
+                "muted small",
+            )
 
     def _plot(self, numbers: dict[str, Sequence[Any]], first: str) -> None:
         text = self._text
@@ -211,9 +253,9 @@ class _RunPanel:
             draw()
 
         with box("div", "columns"):
-            for axis in ("x", "y"):
+            for axis, title in (("x", text("Horizontal")), ("y", text("Vertical"))):
                 Field(
-                    text(f"run.{axis}"),
+                    title,
                     state[axis],
                     options={name: column_with_unit(text, name) for name in names},
                     on_change=partial(choose, axis),
@@ -224,7 +266,7 @@ class _RunPanel:
             x, y = state["x"], state["y"]
             with refilled(place):
                 Chart(
-                    text("run.points_label", x=column_title(text, x), y=column_title(text, y)),
+                    text("{y} over {x}.", x=column_title(text, x), y=column_title(text, y)),
                     column_with_unit(text, x),
                     column_with_unit(text, y),
                     [Line(column_title(text, y), numbers[x], numbers[y], COLOURS[1], points=True)],

@@ -63,11 +63,15 @@ class RunSamples:
         """Make the controls and the chart."""
         text = self._text
         with box("div", "columns"):
-            Field(text("run.column"), self._column, options=self._titles, on_change=self._choose)
+            Field(
+                text("Raw samples of"), self._column, options=self._titles, on_change=self._choose
+            )
             if len(self._others) < MOST_RUNS - 1:
-                Field(text("run.overlay"), "", options=self._offered(), on_change=self._add)
+                Field(text("Overlay another run"), "", options=self._offered(), on_change=self._add)
         if self._others:
-            button(text("run.overlay_none"), lambda: self._go([]), "small", picture="layers_clear")
+            button(
+                text("Remove the other runs"), lambda: self._go([]), "small", picture="layers_clear"
+            )
         self._place = box("div")
         background_tasks.create(self._draw(self._column), name="samples")
 
@@ -75,7 +79,7 @@ class RunSamples:
         runs = self._visitor.service.records.runs(limit=OFFERED).runs
         shown = {self._run.run_id, *self._others}
         ended = (run for run in runs if run.run_id not in shown and run.finished is not None)
-        return {"": self._text("run.overlay_choose")} | {run.run_id: run.run_id for run in ended}
+        return {"": self._text("Choose a run")} | {run.run_id: run.run_id for run in ended}
 
     def _add(self, run_id: str) -> None:
         if run_id:
@@ -121,15 +125,15 @@ class RunSamples:
             lines.append(self._noted(float(highest.max()) if highest.size else 0.0, begin_s))
         with refilled(self._place):
             Chart(
-                self._text("run.samples_label", name=self._titles[column]),
-                self._text("run.from_start" if several else "preview.time"),
+                self._text("Raw samples of {name} over time.", name=self._titles[column]),
+                self._text("Time from the start, s" if several else "time, s"),
                 self._titles[column],
                 lines,
             )
 
     def _noted(self, top: float, begin_s: float) -> Line:
         return Line(
-            self._text("run.annotations"),
+            self._text("Annotations"),
             [each.bench_time_s - begin_s for each in self._annotations],
             [top] * len(self._annotations),
             "--warn",

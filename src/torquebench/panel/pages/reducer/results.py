@@ -94,12 +94,19 @@ def _beside(point: LoopKeyPoint) -> str:
 def loop_chart(text: Text, loop: TorqueAngleLoop) -> None:
     """Draw a torque-angle loop with key points, also enlarged around zero; list the key points."""
     torque_nm = np.asarray(loop.torque_nm)
+    axes = ("Output torque, N·m", "Output angle, arcmin")
     near_nm = NEAR * float(np.max(np.abs(torque_nm), initial=0.0))
     with box("div", "columns"):
-        for title, near in (("reducer.loop_label", False), ("reducer.loop_near", True)):
+        for title, near in (
+            (
+                "Hysteresis loop: output angle over output torque, both branches, with key points.",
+                False,
+            ),
+            ("Around zero", True),
+        ):
             inside = np.abs(torque_nm) <= (near_nm if near else np.inf)
             lines = [
-                Line(text.core(word), torque_nm[inside].tolist(), angle[inside].tolist(), colour)
+                Line(text(word), torque_nm[inside].tolist(), angle[inside].tolist(), colour)
                 for word, angle, colour in (
                     ("rising", np.asarray(loop.rising_arcmin), "--series-2"),
                     ("falling", np.asarray(loop.falling_arcmin), "--series-1"),
@@ -110,63 +117,74 @@ def loop_chart(text: Text, loop: TorqueAngleLoop) -> None:
                 mine = [each for each in shown if _beside(each) == side]
                 lines.append(
                     Line(
-                        text("reducer.key_points"),
+                        text("Key points"),
                         [each.torque_nm for each in mine],
                         [each.angle_arcmin for each in mine],
                         "--ink",
                         points=True,
-                        labels=[text.core(each.label) for each in mine],
+                        labels=[text(each.label) for each in mine],
                         beside=side,
                     )
                 )
-            axes = (text("reducer.loop_torque"), text("reducer.loop_angle"))
             with box("div"):
-                Chart(text(title), *axes, lines, tall=True)
-    columns = headings(
-        text, "reducer", "key_point loop_torque loop_angle", "loop_torque loop_angle"
-    )
+                Chart(text(title), text(axes[0]), text(axes[1]), lines, tall=True)
+    columns = headings(text, "Key point", *axes, numbers=axes)
     rows = [
-        (text.core(point.label), number(point.torque_nm), number(point.angle_arcmin))
+        (text(point.label), number(point.torque_nm), number(point.angle_arcmin))
         for point in loop.points
     ]
-    table(text("reducer.key_points"), columns, rows)
+    table(text("Key points"), columns, rows)
 
 
 def test_result(visitor: Visitor, result: ReducerTestResult) -> None:
     """Show every part of a test: quantities with U, limit and verdict, the loop, the report."""
     text = visitor.text
     with panel(), box("div", "spread"):
-        serial = result.serial or text("reducer.no_serial")
-        words("h2", f"{text.core(result.reducer)}, {text.title('specimen')} {serial}")
+        serial = result.serial or text("without a serial number")
+        words("h2", f"{text(result.reducer)}, {text.title('specimen')} {serial}")
         run_id = result.run_ids[0] if result.run_ids else ""
         if visitor.service.records.has_report(run_id):
             fetch = partial(_fetch_report, visitor, run_id)
-            button(text("reducer.report"), fetch, picture="download")
+            button(text("Report (PDF)"), fetch, picture="download")
     if result.short:
-        note(text("reducer.short"), "warn")
+        note(
+            text(
+                "Short test: a first impression, not for comparison with a data sheet. U "
+                "contains what it omits."
+            ),
+            "warn",
+        )
     for side, missing in result.not_in_u.items():
-        words("p", f"{text(f'side.{side}')}: {text.core(result.compensation[side])}", "small muted")
+        words("p", f"{text.title(side)}: {text(result.compensation[side])}", "small muted")
         if lacking := not_in_u(missing):
-            note(text.core(lacking), "warn")
+            note(text(lacking), "warn")
     for failure in result.failures:
-        note(text.core(failure.message), "bad", title=text.core(failure.title))
+        note(text(failure.message), "bad", title=text(failure.title))
     for part in result.parts:
-        with panel(text.core(part.title)), box("div", "stack"):
+        with panel(text(part.title)), box("div", "stack"):
             if part.verdict:
                 with box("div", "line"):
                     tag(text.verdict(part.verdict), verdict_kind(part.verdict))
-            keys = "quantity value uncertainty unit limit verdict"
-            columns = headings(text, "reducer", keys, "value uncertainty")
-            table(text.core(part.title), columns, [_row(text, each) for each in part.quantities])
+            columns = headings(
+                text,
+                "Quantity",
+                "Value",
+                "± U (k = 2)",
+                "Unit",
+                "Data sheet",
+                "Verdict",
+                numbers=("Value", "± U (k = 2)"),
+            )
+            table(text(part.title), columns, [_row(text, each) for each in part.quantities])
             if part.loop is not None:
                 loop_chart(text, part.loop)
             for remark in (*part.remarks, *map(str, part.findings)):
-                words("p", text.core(remark), "small muted")
+                words("p", text(remark), "small muted")
 
 
 def _row(text: Text, quantity: ReducerTestQuantity) -> tuple[str, ...]:
     return (
-        text.core(quantity.title),
+        text(quantity.title),
         *with_uncertainty(quantity.value, quantity.expanded_uncertainty),
         quantity.unit,
         quantity.limit or "—",
@@ -185,34 +203,34 @@ def comparison(visitor: Visitor, result: Result) -> None:
                 detail = records.run(run.run_id, check=False)
                 found.append((_specimen(detail.metadata, run.run_id), _quantities(detail.results)))
         except TorquebenchError as error:
-            note(text.core(error.found), "warn")
+            note(text(error.found), "warn")
     found = [(name, quantities) for name, quantities in found if quantities]
     if len(found) < 2:
-        empty(text("reducer.no_earlier"), "compare")
+        empty(text("No earlier result of this test to compare with."), "compare")
         return
     keys = list(found[0][1])
     columns = [(text.title("specimen"), False)]
     columns += [
-        (f"{text.core(found[0][1][key].title)}, {found[0][1][key].unit}", True) for key in keys[:6]
+        (f"{text(found[0][1][key].title)}, {found[0][1][key].unit}", True) for key in keys[:6]
     ]
     rows = [
         (name, *(str(quantities[key]) if key in quantities else "—" for key in keys[:6]))
         for name, quantities in found
     ]
-    table(text("reducer.compare"), columns, rows)
-    words("p", text("reducer.compare_uncertainty"), "small muted")
+    table(text("Compared with earlier specimens"), columns, rows)
+    words("p", text("± expanded uncertainty, k = 2."), "small muted")
     key = keys[0]
     names = [name for name, _ in reversed(found)]
     shown = [quantities[key] for _, quantities in reversed(found) if key in quantities]
     if len(shown) == len(names):
         values = [each.value for each in shown]
-        title = text.core(found[0][1][key].title)
+        title = text(found[0][1][key].title)
         Chart(
-            text("reducer.compare_label", title=title),
+            text("{title} of every specimen.", title=title),
             text.title("specimen"),
             f"{title}, {found[0][1][key].unit}",
             [
-                Line(text("records.values"), [], values, "--series-1", points=True),
+                Line(text("values"), [], values, "--series-1", points=True),
                 error_bars("± U", values, [each.expanded_uncertainty for each in shown]),
             ],
             names=names,

@@ -45,12 +45,12 @@ class _ReducerPage:
         text, visitor = self.text, self.visitor
         test, standard = find_operation("test"), find_operation("standard-reducer")
         with self._entry:
-            with panel(text("reducer.what")), box("div", "stack"):
+            with panel(text("What is tested")), box("div", "stack"):
                 given = {"test": "hysteresis"} | unsuccessful(visitor, "test")
                 self._form = OperationForm(visitor, test, given, on_change=self._preview)
                 with box("div", "line"):
                     button(
-                        text("reducer.start"),
+                        text("Start test"),
                         lambda: self._begin(test, self._form),
                         "primary",
                         picture="play_arrow",
@@ -58,13 +58,21 @@ class _ReducerPage:
             with panel():
                 self._plan = Preview(visitor, "test")
             with panel(), box("details"):
-                words("summary", text.core(STANDARD_TITLE))
+                words("summary", text(STANDARD_TITLE))
                 with box("div", "stack"):
-                    words("p", text("standard.explained"), "muted")
+                    words(
+                        "p",
+                        text(
+                            "A standard reducer with certified friction is driven in steps of "
+                            "speed with its output free. The measured friction is compared with "
+                            "the certified one."
+                        ),
+                        "muted",
+                    )
                     form = OperationForm(visitor, standard, unsuccessful(visitor, STANDARD))
                     with box("div", "line"):
                         button(
-                            text("standard.start"),
+                            text("Start measurement"),
                             lambda: self._begin(standard, form),
                             picture="play_arrow",
                         )
@@ -97,13 +105,13 @@ class _ReducerPage:
             if job is None:
                 return
             if job.open:
-                with panel(text("reducer.live")):
+                with panel(text("Live points")):
                     self._place = box("div")
                     with self._place:
-                        empty(text("reducer.waiting"), "hourglass_empty")
+                        empty(text("No point yet."), "hourglass_empty")
             elif isinstance(job.result, ReducerTestResult):
                 test_result(self.visitor, job.result)
-                with panel(text("reducer.compare")):
+                with panel(text("Compared with earlier specimens")):
                     comparison(self.visitor, job.result)
             elif job.result is not None:
                 show_page(text, job.result.page())
@@ -116,15 +124,13 @@ class _ReducerPage:
         part = self._runs_of(job)
         x, y = (self._read(name) for name in TESTS[part].axes)
         past = live.trend(min(PAST_S, live.bench_time_s - self._began), (x, y), POINTS)
-        names = {
-            signal.name: f"{self.text.core(signal.title)}, {signal.unit}" for signal in SIGNALS
-        }
-        title = self.text.core(TESTS[part].title)
+        names = {signal.name: f"{self.text(signal.title)}, {signal.unit}" for signal in SIGNALS}
+        title = self.text(TESTS[part].title)
         lines = [Line(title, past.values[x].tolist(), past.values[y].tolist(), COLOURS[1])]
         if self._chart is None or self._drawn != part:
             self._drawn = part
             with refilled(self._place):
-                label = self.text("reducer.live_label")
+                label = self.text("Points of the test so far.")
                 self._chart = Chart(label, names[x], names[y], lines, tall=True)
         else:
             self._chart.show(lines)
@@ -146,10 +152,16 @@ class _ReducerPage:
         return asked if asked in TESTS and asked != "full" else next(iter(parts), "hysteresis")
 
 
-@page("reducer", "/reducer", picture="settings_suggest", place=3)
+@page("reducer", "/reducer", "Reducer tests", picture="settings_suggest", place=3)
 def reducer_page(visitor: Visitor) -> None:
     """Build the page of the reducer tests."""
     page = _ReducerPage(visitor)
     with frame(visitor, "reducer", page.refresh):
-        words("p", visitor.text("reducer.explained"), "muted")
+        words(
+            "p",
+            visitor.text(
+                "Quantities of a reducer, with uncertainty and a verdict against its data sheet."
+            ),
+            "muted",
+        )
         page.build()

@@ -13,7 +13,7 @@ from torquebench.panel.components.controls import Field, button, set_disabled
 from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import box, note, panel, refilled, words
 from torquebench.panel.pages.jobs.panel import problem_note
-from torquebench.panel.pages.settings.names import group_title, setting_title
+from torquebench.panel.pages.settings.names import choice_title, group_title, setting_title
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import SECTIONS, Difference, SettingsItem
 from torquebench.panel.service.settings.differences import flat, nested
@@ -122,14 +122,14 @@ class SettingEditor:
     def build(self) -> None:
         """Make the editor's elements."""
         text, item = self._text, self._item
-        title = item.name if item.section != "bench" else text("settings.bench")
+        title = item.name if item.section != "bench" else text("Channels and limits")
         with panel(title), box("div", "stack"):
             self._remarks()
             if self._new:
                 Field(
-                    text("settings.kept_as"),
+                    text("Kept under the name"),
                     item.name,
-                    hint=text("settings.kept_as_hint"),
+                    hint=text("2 to 64 of a-z, 0-9, dots and hyphens; it stays as it is."),
                     on_change=self._renamed,
                     maxlength="64",
                 )
@@ -143,22 +143,27 @@ class SettingEditor:
                 self._foot = box("div", "stack settings-foot")
                 with self._foot:
                     self._pending = box("div", "stack", role="status")
-                    self._reason = Field(text("settings.reason"), maxlength="500")
+                    self._reason = Field(text("Why it is changed"), maxlength="500")
                     with box("div", "line"):
                         self._apply = button(
-                            text("settings.apply"), self._change, "primary", picture="save"
+                            text("Apply these changes"), self._change, "primary", picture="save"
                         )
                         if item.section != "bench" and not self._new:
-                            button(text("settings.delete"), self._ask_delete, "danger")
+                            button(text("Delete"), self._ask_delete, "danger")
                 self._preview()
 
     def _remarks(self) -> None:
         text, item = self._text, self._item
         if item.builtin:
-            note(text("settings.builtin_explained"))
+            note(
+                text(
+                    "This comes with the software and can't be changed. Copy it under a name "
+                    "of your own to change it."
+                )
+            )
             if self._on_copy is not None and self._visitor.has_role(SECTIONS[item.section].role):
                 copy = self._on_copy
-                button(text("settings.copy"), lambda: copy(item), picture="content_copy")
+                button(text("Copy under a new name"), lambda: copy(item), picture="content_copy")
         elif not self._editable:
             self._visitor.not_allowed()
 
@@ -179,7 +184,7 @@ class SettingEditor:
             setting_title(text, key),
             shown(value),
             unit=unit_of_name(key),
-            hint=text("settings.in_file") if fixed else self._hint(key),
+            hint=text("Only in the bench's own file.") if fixed else self._hint(key),
             options=self._options(key),
             disabled=not self._editable or fixed or named,
             on_change=lambda said: self._typed(key, said),
@@ -192,8 +197,8 @@ class SettingEditor:
         """Return a hint on a field's allowed values and how to write a list."""
         settings = self._visitor.service.settings
         if isinstance(self._before[key], list):
-            return self._text("settings.list_hint")
-        said = self._text.core(settings.allowed(self._item.section, key, unit_of_name(key)))
+            return self._text("A list in square brackets, with commas between its values.")
+        said = self._text(settings.allowed(self._item.section, key, unit_of_name(key)))
         return MINUS.sub("−", said)
 
     def _options(self, key: str) -> dict[str, str] | None:
@@ -205,10 +210,7 @@ class SettingEditor:
         if not choices:
             return None
         empty = {"": "–"} if value is None else {}
-        return empty | {
-            shown(choice): text.maybe(f"setting_choice.{shown(choice)}", shown(choice))
-            for choice in choices
-        }
+        return empty | {shown(choice): choice_title(text, shown(choice)) for choice in choices}
 
     def _renamed(self, said: str) -> None:
         self._item = replace(self._item, name=said.strip())
@@ -231,13 +233,20 @@ class SettingEditor:
                 change = settings.preview(item.section, item.name, nested(self._leaves))
             except TorquebenchError as error:
                 if beside:
-                    note(self._text("settings.wrong_fields", count=beside), "bad", live=True)
+                    note(
+                        self._text(
+                            "Values that can't be: {count}. Each says so beside its field.",
+                            count=beside,
+                        ),
+                        "bad",
+                        live=True,
+                    )
                 else:
                     problem_note(self._text, error)
             else:
                 good = bool(change.differences)
                 if good:
-                    words("h3", self._text("settings.differences"))
+                    words("h3", self._text("What would change"))
                     change_lines(self._text, change.differences)
         set_disabled(self._apply, not good)
         if good or beside:  # keep it visible until it is applied
@@ -257,13 +266,13 @@ class SettingEditor:
                 (said for at, said in faults.items() if at == key or at.startswith(f"{key}.")), None
             )
             wrong += fault is not None
-            allowed = text.core(fault.allowed) if fault is not None else ""
-            said = text("alarms.allowed", allowed=allowed) if allowed else ""
-            field.wrong("" if fault is None else said or text.core(fault.found))
+            allowed = text(fault.allowed) if fault is not None else ""
+            said = text("Allowed: {allowed}", allowed=allowed) if allowed else ""
+            field.wrong("" if fault is None else said or text(fault.found))
         return wrong
 
     def _change(self) -> None:
-        said, version = self._text("settings.changed"), self._item.version
+        said, version = self._text("Changed and logged."), self._item.version
         self._enter(nested(self._leaves), success=said, version=version)
 
     def _enter(self, document: Mapping[str, Any] | None, **options: Any) -> bool:
@@ -275,8 +284,8 @@ class SettingEditor:
         text = self._text
         ask(
             text,
-            text("settings.delete"),
-            text("settings.delete_explained", name=self._item.name),
+            text("Delete"),
+            text("{name} is deleted. The list of changes can bring it back.", name=self._item.name),
             lambda _: self._enter(None),
             danger=True,
         )

@@ -10,17 +10,25 @@ from pydantic import BaseModel
 from torquebench.compensation import MODEL_NAMES
 from torquebench.operations import OPERATIONS, Parameter, parameters
 from torquebench.panel.components.controls import button, set_disabled
-from torquebench.panel.components.elements import box, panel, refilled, table
+from torquebench.panel.components.elements import box, headings, panel, refilled, table
 from torquebench.panel.pages.operations.form import choice_words
 from torquebench.panel.pages.view import View
-from torquebench.panel.text import Text
+from torquebench.panel.text import JOB_STATES, Text, Texts
 
 __all__ = ["LogView", "details_said"]
 
 AT_ONCE = 50
-WORDED = {"state": "job.state_", "side": "side."}
-"""Prefixes of the keys of texts for details' values."""
-SENTENCES = ("found", "reason", "direction", "role", "summary")
+LABELS: Texts = {
+    "keys": "changed",
+    "job_id": "job",
+    "bench_time_s": "bench time, s",
+    "side": "module",
+    "off": "switched off",
+    "users": "computer users",
+    "waiting": "waiting operations",
+    "place": "place in the queue",
+}
+SENTENCES = ("found", "reason", "direction", "role", "side", "summary")
 """Details that may be messages of the software, which are translated; typed text isn't."""
 
 
@@ -39,7 +47,7 @@ def details_said(text: Text, details: Mapping[str, Any]) -> str:
         if key == "request" and operation is not None:
             said += _asked(text, operation.request, value)
         elif not (value is None or value in ("", [])):
-            label = text.maybe(f"log_detail.{key}", key.replace("_", " "))
+            label = text(LABELS.get(key, key.replace("_", " ")))
             said.append(f"{label}: {_said(text, key, value)}")
     return "; ".join(said)
 
@@ -52,7 +60,7 @@ def _asked(text: Text, request: type[BaseModel], given: Mapping[str, Any]) -> It
             yield from _asked(text, asked.record, value or {})
         elif not (value is None or value in ("", [], {}) or (value is False and not asked.default)):
             unit = f", {asked.unit}" if asked.unit else ""
-            yield f"{text.core(asked.title)}{unit}: {_value(text, asked, value)}"
+            yield f"{text(asked.title)}{unit}: {_value(text, asked, value)}"
 
 
 def _value(text: Text, asked: Parameter, value: Any) -> str:
@@ -64,14 +72,14 @@ def _value(text: Text, asked: Parameter, value: Any) -> str:
 
 def _said(text: Text, key: str, value: Any) -> str:
     if isinstance(value, bool):
-        return text("log_detail.yes" if value else "log_detail.no")
+        return text("yes" if value else "no")
     if isinstance(value, list):
         return ", ".join(_said(text, key, item) for item in value)
     if isinstance(value, int | float):
         return f"{value:g}" if isinstance(value, float) else str(value)
-    if key in WORDED:
-        return text.maybe(f"{WORDED[key]}{value}", value)
-    return text.core(value) if key in SENTENCES else str(value)
+    if key == "state":
+        return text(JOB_STATES.get(value, value))
+    return text(value) if key in SENTENCES else str(value)
 
 
 class LogView(View):
@@ -82,12 +90,12 @@ class LogView(View):
     def build(self) -> None:
         """Make the view's elements."""
         text = self._text
-        with panel(text("settings.log")), box("div", "stack"):
+        with panel(text("Log")), box("div", "stack"):
             self._place = box("div")
             with box("div", "line"):
-                button(text("log.newest"), lambda: self._show(None), picture="first_page")
+                button(text("Newest"), lambda: self._show(None), picture="first_page")
                 self._further = button(
-                    text("log.older"), lambda: self._show(self._older), picture="chevron_right"
+                    text("Older"), lambda: self._show(self._older), picture="chevron_right"
                 )
         self._show(None)
 
@@ -97,9 +105,9 @@ class LogView(View):
         self._older = events[-1].number if events else before
         set_disabled(self._further, len(events) < AT_ONCE)
         rows = [
-            (event.at, event.who, text.core(event.what), details_said(text, event.details))
+            (event.at, event.who, text(event.what), details_said(text, event.details))
             for event in events
         ]
-        columns = [(text(f"log.{key}"), False) for key in ("when", "who", "what", "details")]
+        columns = headings(text, "When", "Who", "What", "Details")
         with refilled(self._place):
-            table(text("settings.log"), columns, rows)
+            table(text("Log"), columns, rows)

@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
-from torquebench.panel.text import Text
+import tomllib
+from functools import cache
+from importlib import resources
 
-__all__ = ["group_title", "setting_title"]
+from torquebench.panel.text import Text, Texts
+
+__all__ = ["choice_title", "group_title", "setting_title"]
+
+
+@cache
+def labels() -> dict[str, Texts]:
+    """Return the English labels of settings, their groups and choices, by the keys of the files."""
+    file = resources.files("torquebench.panel.pages.settings") / "labels.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
 def setting_title(text: Text, key: str) -> str:
@@ -19,7 +30,8 @@ def setting_title(text: Text, key: str) -> str:
     """
     group, _, last = key.rpartition(".")
     parent = group.rpartition(".")[2]
-    return text.maybe(f"setting.{parent}_{last}", text.maybe(f"setting.{last}", last))
+    known = labels()["setting"]
+    return text(known.get(f"{parent}_{last}") or known.get(last, last))
 
 
 def group_title(text: Text, group: str) -> str:
@@ -31,7 +43,11 @@ def group_title(text: Text, group: str) -> str:
     ('Output module: Limits', 'General')
     """
     if not group:
-        return text("settings.general")
-    return ": ".join(
-        text.title(text.maybe(f"setting_group.{part}", part)) for part in group.split(".")
-    )
+        return text("General")
+    known = labels()["setting_group"]
+    return ": ".join(text.title(known.get(part, part)) for part in group.split("."))
+
+
+def choice_title(text: Text, choice: str) -> str:
+    """Return what a choice means; one without a label is a name."""
+    return text(labels()["setting_choice"].get(choice, choice))

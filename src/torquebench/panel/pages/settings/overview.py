@@ -14,6 +14,7 @@ from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import (
     box,
     empty,
+    headings,
     moment,
     note,
     panel,
@@ -33,6 +34,7 @@ from torquebench.panel.pages.view import View, tabs
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import SECTIONS, SettingsChange, SettingsItem, read_upload
 from torquebench.panel.service.settings.documents import LARGEST_UPLOAD
+from torquebench.panel.text import Texts
 
 __all__ = ["settings_page"]
 
@@ -54,7 +56,13 @@ class _Bench(View):
         item = visitor.service.settings.get("bench", "bench")
         with refilled(self._place):
             if visitor.service.reopen_needed:
-                with note(text("settings.reopen_explained"), "warn"):
+                with note(
+                    text(
+                        "Changes of the bench take effect when it is opened again. That takes some "
+                        "seconds; no work may be running."
+                    ),
+                    "warn",
+                ):
                     button(
                         text.title("open the bench again"),
                         self._reopen,
@@ -86,25 +94,30 @@ class _Documents(View):
         rows = [
             (
                 item.name,
-                text.core(str(item.document.get("title") or item.document.get("name", ""))),
-                text("settings.builtin" if item.builtin else "settings.own"),
+                text(str(item.document.get("title") or item.document.get("name", ""))),
+                text("the software" if item.builtin else "this laboratory"),
             )
             for item in items
         ]
-        with refilled(self._list), panel(text(f"settings.{self._section}")), box("div", "stack"):
+        with refilled(self._list), panel(text(TABS[self._section])), box("div", "stack"):
             table(
-                text(f"settings.{self._section}"),
-                [(text(f"settings.{key}"), False) for key in ("name", "what", "from")],
+                text(TABS[self._section]),
+                headings(text, "Name", "What it is", "From"),
                 rows,
                 on_row=lambda place: self._open(items[place]),
-                open_label=text("records.open"),
+                open_label=text("Open"),
             )
             if visitor.has_role(SECTIONS[self._section].role):
                 self._upload()
 
     def _upload(self) -> None:
         with box("div", "field"):
-            file_entry(self._text("settings.upload"), ".toml", READ_FILE, self._uploaded)
+            file_entry(
+                self._text("Add one from a TOML file (at most 64 KB)"),
+                ".toml",
+                READ_FILE,
+                self._uploaded,
+            )
 
     def _uploaded(self, content: str | None) -> None:
         try:
@@ -141,10 +154,10 @@ class _Documents(View):
 
         ask(
             text,
-            text("settings.copy"),
-            text("settings.copy_explained", name=item.name),
+            text("Copy under a new name"),
+            text("A copy of {name} to change.", name=item.name),
             act,
-            field=text("settings.new_name"),
+            field=text("New name (a-z, 0-9, dots and hyphens)"),
         )
 
     def _changed(self) -> None:
@@ -162,9 +175,9 @@ class _History(View):
     def _show(self) -> None:
         text = self._text
         changes = self._visitor.service.settings.history(limit=50)
-        with refilled(self._place), panel(text("settings.history")):
+        with refilled(self._place), panel(text("Changes")):
             if not changes:
-                empty(text("settings.no_history"), "history")
+                empty(text("Nothing was changed yet."), "history")
             with box("ul", "stack"):
                 for change in changes:
                     self._line(change)
@@ -179,17 +192,17 @@ class _History(View):
                     if change.at is not None:
                         moment(change.at)
                     if change.undone_by is not None:
-                        tag(text("settings.undone_by", number=change.undone_by))
+                        tag(text("undone by change {number}", number=change.undone_by))
                     if change.undoes is not None:
-                        tag(text("settings.undoes", number=change.undoes))
+                        tag(text("undoes change {number}", number=change.undoes))
                 role = SECTIONS[change.section].role
                 if change.undone_by is None and self._visitor.has_role(role):
                     button(
-                        text("settings.undo"),
+                        text("Undo"),
                         lambda: self._undo(change.number),
                         "small",
                         picture="undo",
-                        aria_label=text("settings.undo_label", number=change.number),
+                        aria_label=text("Undo change {number}", number=change.number),
                     )
             if change.reason:
                 words("p", change.reason)
@@ -197,11 +210,22 @@ class _History(View):
 
     def _undo(self, number: int) -> None:
         undo = self._visitor.service.settings.undo
-        self._visitor.act(undo, number, success=self._text("settings.undone"))
+        self._visitor.act(undo, number, success=self._text("Undone, as a further change."))
         self._show()
 
 
-@page("settings", "/settings", picture="build", place=5)
+TABS: Texts = {
+    "bench": "Channels and limits",
+    "profiles": "Profiles",
+    "reducers": "Reducers",
+    "users": "Users",
+    "tokens": "Tokens",
+    "log": "Log",
+    "history": "Changes",
+}
+
+
+@page("settings", "/settings", "Settings", picture="build", place=5)
 def settings_page(visitor: Visitor) -> None:
     """Build the page of the settings."""
     views: dict[str, Callable[[Visitor], View]] = {
@@ -216,4 +240,4 @@ def settings_page(visitor: Visitor) -> None:
         views["log"] = LogView
     views["history"] = _History
     with frame(visitor, "settings"):
-        tabs(visitor, "settings", views)
+        tabs(visitor, "settings", TABS, views)

@@ -9,6 +9,7 @@ from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import (
     box,
     empty,
+    headings,
     note,
     panel,
     refilled,
@@ -30,42 +31,49 @@ class TokensView(View):
         text = self._text
         self._made = box("div", role="status")
         self._list = box("div")
-        with panel(text("tokens.add")), box("div", "stack"):
-            words("p", text("tokens.explained"), "muted")
-            words("a", text("tokens.reference"), href="/docs", target="_blank")
+        with panel(text("Make a token")), box("div", "stack"):
+            words(
+                "p",
+                text(
+                    "A program that uses the API signs in by a token. Its role says what it may do."
+                ),
+                "muted",
+            )
+            words("a", text("What the API offers"), href="/docs", target="_blank")
             self._name = Field(
-                text("tokens.name"), hint=text("tokens.name_hint"), maxlength="64",
+                text("Program"),
+                hint=text("1 to 64 of A-Z, a-z, 0-9, dots, hyphens and underscores"),
+                maxlength="64",
                 autocomplete="off",
-            )  # fmt: skip
+            )
             self._role = role_choice(text)
             with box("div", "line"):
-                button(text("tokens.add"), self._add, "primary", picture="key")
+                button(text("Make a token"), self._add, "primary", picture="key")
         self._show()
 
     def _show(self) -> None:
         text, visitor = self._text, self._visitor
         listed = visitor.service.clients.list(visitor.looker)
         clients = [client for client in listed if client.revoked is None]
-        with refilled(self._list), panel(text("settings.tokens")):
+        with refilled(self._list), panel(text("Tokens")):
             if not clients:
-                empty(text("tokens.none"), "key_off")
+                empty(text("No program has a token."), "key_off")
                 return
             rows = [
                 (
                     client.name,
-                    text.core(client.role),
+                    text(client.role),
                     datetime.fromisoformat(client.created),
                     client.created_by,
                 )
                 for client in clients
             ]
-            headings = ("tokens.name", "users.role", "users.created", "tokens.by")
             table(
-                text("settings.tokens"),
-                [(text(key), False) for key in headings],
+                text("Tokens"),
+                headings(text, "Program", "Role", "Since", "Made by"),
                 rows,
                 on_row=lambda place: self._ask_revoke(clients[place]),
-                open_label=text("tokens.revoke"),
+                open_label=text("Revoke"),
             )
 
     def _add(self) -> None:
@@ -75,7 +83,7 @@ class TokensView(View):
         def add(actor: Actor) -> None:
             # the choice contains only roles
             _, token = visitor.service.clients.add(actor, name, role)  # type: ignore[arg-type]
-            said = text("tokens.shown_once", name=name)
+            said = text("The token of {name}. Copy it now: it isn't shown again.", name=name)
             with refilled(self._made), note(said, "good"):
                 words("code", token)
             self._name.set("")
@@ -91,8 +99,10 @@ class TokensView(View):
 
         ask(
             text,
-            text("tokens.revoke"),
-            text("tokens.revoke_explained", name=client.name),
+            text("Revoke"),
+            text(
+                "The token of {name} counts no longer, from now on and for good.", name=client.name
+            ),
             lambda _: visitor.act(visitor.service.clients.revoke, client.client_id, then=revoked),
             danger=True,
         )
