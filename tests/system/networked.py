@@ -7,17 +7,19 @@ import re
 import socket
 import tempfile
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import bluesky.plan_stubs as bps
+from tests.peers.motor import Motor
 from tests.system.command_line import started
 
 from torquebench.bench.description import DEFAULT_BENCH, BenchDescription
 from torquebench.bench.drivers.simulated.control import SimulationControl
 from torquebench.station import Station
+from torquebench.testing.drives import MotorCase
 from torquebench.validation import validated
 
 ANY_PORT = "127.0.0.1:0"
@@ -129,6 +131,33 @@ def described(**sections: Any) -> BenchDescription:
         if section is not None
     }
     return validated(BenchDescription, values, "networked.toml")
+
+
+def motor_case(
+    description: BenchDescription,
+    key: str,
+    motor: Motor,
+    look: Callable[[], None] | None = None,
+    **others: Any,
+) -> MotorCase:
+    """Describe a drive of a peer that has a `Motor`; `look` lets its watchdogs act."""
+
+    def seen(value: Callable[[], Any]) -> Callable[[], Any]:
+        def now() -> Any:
+            with motor.lock:
+                (look or motor.look)()
+                return value()
+
+        return now
+
+    return MotorCase(
+        description,
+        key,
+        powered=seen(lambda: motor.on),
+        torque_nm=seen(lambda: motor.torque.present),
+        speed_rad_s=seen(lambda: motor.speed.present),
+        **{"starve": seen(lambda: motor.starve(motor.watchdog_s))} | others,
+    )
 
 
 def waiting(

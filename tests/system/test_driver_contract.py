@@ -15,12 +15,12 @@ from tests.peers.odrive_node import OdrivePeer
 from tests.peers.opcua_plc import PlcPeer
 from tests.peers.plc import AdsPlc, S7Plc
 from tests.support.draws import nightly
-from tests.system.networked import CAN_BUS, WATCHDOG_S, daqmx, described, hasty, modbus
+from tests.system.networked import CAN_BUS, daqmx, described, hasty, modbus
 
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import CounterCard, Drive
 from torquebench.bench.drivers.instruments import open_role
-from torquebench.errors import BenchError, InputError, LimitError
+from torquebench.errors import BenchError
 from torquebench.simulators import Simulators
 from torquebench.testing.cable import Cable
 from torquebench.testing.drivers import DriverCase, DriverContract, Peer
@@ -394,66 +394,6 @@ def feed(drive: Drive, go_on: Callable[[float], None], duration_s: float) -> Non
     for _ in range(round(duration_s / 0.1)):
         drive.feed_watchdog()
         go_on(0.1)
-
-
-def test_a_drive_ramps_to_its_torque_and_to_zero_by_itself(
-    drive: Drive, go_on: Callable[[float], None]
-) -> None:
-    drive.enable()
-    assert drive.state().enabled
-    drive.command_torque(20.0, 100.0)
-    feed(drive, go_on, 0.1)
-    torque = drive.state().torque_nm
-    assert torque is not None
-    assert 5.0 < torque < 15.0
-    feed(drive, go_on, 0.2)
-    assert drive.state().torque_nm == pytest.approx(20.0, abs=0.5)
-    drive.ramp_to_zero(0.2)
-    feed(drive, go_on, 0.3)
-    assert drive.state().torque_nm == 0.0
-    drive.disable()
-    assert not drive.state().enabled
-
-
-def test_a_drive_ramps_to_its_speed(drive: Drive, go_on: Callable[[float], None]) -> None:
-    drive.enable()
-    drive.command_speed(1.5, 5.0)
-    feed(drive, go_on, 0.5)
-    assert drive.state().speed_rad_s == pytest.approx(1.5, abs=1e-3)
-    drive.ramp_to_zero(0.2)
-    feed(drive, go_on, 0.3)
-    assert drive.state().speed_rad_s == pytest.approx(0.0, abs=1e-9)
-
-
-def test_a_drive_refuses_what_it_can_not_do(drive: Drive) -> None:
-    drive.enable()
-    with pytest.raises(LimitError, match="own limit"):
-        drive.command_torque(1e5, 100.0)
-    with pytest.raises(LimitError, match="own limit"):
-        drive.command_speed(1e4, 100.0)
-    with pytest.raises(InputError, match="rate"):
-        drive.command_torque(1.0, 0.0)
-    with pytest.raises(LimitError):
-        drive.command_torque(float("nan"), 100.0)
-
-
-def test_a_drive_that_is_off_refuses_commands(drive: Drive) -> None:
-    with pytest.raises(BenchError, match="enable"):
-        drive.command_torque(1.0, 100.0)
-
-
-def test_an_unfed_drive_stops_by_itself_and_can_be_enabled_again(
-    drive: Drive, go_on: Callable[[float], None]
-) -> None:
-    drive.enable()
-    drive.command_torque(5.0, 100.0)
-    go_on(2.0 * WATCHDOG_S)
-    state = drive.state()
-    assert not state.enabled
-    assert "watchdog" in state.fault
-    drive.enable()
-    assert drive.state().enabled
-    assert drive.state().fault == ""
 
 
 def test_a_lying_drive_is_off_for_all_that_it_says(

@@ -10,13 +10,14 @@ from typing import Any
 
 import pytest
 from tests.peers import ethercat_device
-from tests.peers.ethercat_device import OP, SAFEOP, EthercatNetwork, EthercatPeer
-from tests.system.networked import described, hasty
+from tests.peers.ethercat_device import OP, EthercatNetwork, EthercatPeer
+from tests.system.networked import described, hasty, motor_case
 
 from torquebench.bench.drivers.base import Positioned
 from torquebench.bench.drivers.instruments import open_role
-from torquebench.errors import BenchError, InputError, LimitError
+from torquebench.errors import BenchError, InputError
 from torquebench.testing.drivers import DriverCase, DriverContract, Peer
+from torquebench.testing.drives import DriveContract, MotorCase
 
 UNFED_S = 4.0
 """A watchdog's time that a busy computer keeps, half of it without a cycle."""
@@ -102,38 +103,10 @@ def test_two_drives_share_a_network(network: EthercatNetwork, drives: list[Any])
     fed(drives, lambda: drives[1].position_counts() == -77)
     assert drives[1].position_counts() == -77
     assert isinstance(drives[1], Positioned)
-    drives[0].ramp_to_zero(0.1)
-    fed(drives, lambda: not drives[0].state().torque_nm)
-    assert drives[0].state().torque_nm == 0.0
     drives[0].disable()
     fed(drives[1:], lambda: not drives[0].state().enabled)
     assert (drives[0].state().enabled, drives[1].state().enabled) == (False, True)
     assert "late by" in drives[0].identity().details["cycle"]
-
-
-def test_a_drive_that_is_not_fed_loses_its_power_and_can_be_enabled_again(
-    network: EthercatNetwork,
-) -> None:
-    bench = described_for(network, UNFED_S)
-    drive = open_role(bench, "input_drive")
-    device = network.devices[0]
-    try:
-        assert device.process_watchdog_s == pytest.approx(0.5 * UNFED_S)
-        drive.enable()
-        drive.command_torque(50.0, 500.0)
-        deadline = time.monotonic() + 60.0
-        while device.al_state == OP and time.monotonic() < deadline:
-            time.sleep(0.05)
-            with device.motor.lock:
-                device.look()
-        assert device.al_state & 0xF == SAFEOP
-        assert device.motor.tripped
-        assert not drive.state().enabled
-        drive.enable()
-        assert drive.state().enabled
-        assert device.al_state == OP
-    finally:
-        drive.close()
 
 
 def test_both_drives_can_be_enabled_after_both_have_lost_their_power(
@@ -185,7 +158,7 @@ def test_without_power_the_cycles_need_no_feeding(network: EthercatNetwork) -> N
         drive.close()
 
 
-def test_limits_positions_and_adapters_are_checked(network: EthercatNetwork) -> None:
+def test_positions_and_adapters_are_checked(network: EthercatNetwork) -> None:
     with pytest.raises(InputError, match="both drives at position 1"):
         open_role(described_for(network, position=1), "input_drive")
     alone = described(
@@ -193,13 +166,6 @@ def test_limits_positions_and_adapters_are_checked(network: EthercatNetwork) -> 
     )
     with pytest.raises(BenchError, match=r"2 devices on .*, none at position 5"):
         open_role(alone, "input_drive")
-    drive = open_role(described_for(network), "input_drive")
-    try:
-        drive.enable()
-        with pytest.raises(LimitError, match="own limit"):
-            drive.command_torque(1e5, 10.0)
-    finally:
-        drive.close()
 
 
 def test_the_fake_has_the_names_of_the_library(library: Any, real: Any) -> None:
@@ -244,3 +210,16 @@ class TestContract(DriverContract):
 
     def hasty(self, description: Any) -> Any:
         return hasty(description)
+
+
+class TestDrive(DriveContract):
+    """Half of the watchdog's time is that of the process data."""
+
+    @pytest.fixture
+    def case(self, network: EthercatNetwork) -> Iterator[MotorCase]:
+        device = network.devices[0]
+        unfed = described_for(network, UNFED_S)
+        bench, motor = described_for(network), device.motor
+        yield motor_case(bench, "input_drive", motor, device.look, unfed=unfed, starve=lambda: None)
+        if device.motor.tripped:
+            assert device.process_watchdog_s == pytest.approx(0.5 * UNFED_S)

@@ -12,7 +12,7 @@ import pytest
 from tests.peers.lines import LinePeer
 from tests.peers.motor import Motor
 from tests.support.draws import nightly
-from tests.system.networked import HASTY_DRIVE_S, described
+from tests.system.networked import HASTY_DRIVE_S, described, motor_case
 
 from torquebench.bench.description import (
     BenchDescription,
@@ -20,8 +20,8 @@ from torquebench.bench.description import (
     PowerSupplyDescription,
 )
 from torquebench.bench.drivers import plugins
-from torquebench.bench.drivers.instruments import open_role
 from torquebench.testing.drivers import DriverCase, DriverContract
+from torquebench.testing.drives import DriveContract, MotorCase
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "drivers" / "ascii_bench.py"
 
@@ -203,31 +203,8 @@ class TestAscii(DriverContract):
         return description.model_copy(update={"driver": driver})
 
 
-def test_the_drive_ramps_and_stops_by_its_own_watchdog(running: AsciiPeer) -> None:
-    drive = open_role(bench(running), "output_drive")
-    try:
-        drive.enable()
-        drive.command_torque(20.0, 1000.0)
-        time.sleep(0.1)
-        assert drive.state().torque_nm == 20.0
-        with running.motor.lock:
-            running.motor.starve(running.motor.watchdog_s)
-        assert (drive.state().enabled, drive.state().fault) == (False, "watchdog")
-    finally:
-        drive.disable()
-        drive.close()
-
-
-def test_the_fixture_goes_where_it_is_sent(running: AsciiPeer) -> None:
-    described_bench = bench(running)
-    modes, clamp, rail = (open_role(described_bench, k) for k in ("modes", "clamp", "guide_rail"))
-    try:
-        modes.set_mode("output", "locked")
-        assert (modes.mode("input"), modes.mode("output")) == ("free", "locked")
-        clamp.set_clamped(True)
-        rail.move("end")
-        assert (clamp.clamped(), rail.position()) == (True, "end")
-    finally:
-        running.coils = [0] * 6
-        for part in (modes, clamp, rail):
-            part.close()
+class TestDrive(DriveContract):
+    @pytest.fixture
+    def case(self, running: AsciiPeer) -> MotorCase:
+        running.motor.reset()
+        return motor_case(bench(running), "output_drive", running.motor)

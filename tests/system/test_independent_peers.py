@@ -3,7 +3,6 @@
 import re
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +11,22 @@ import pytest
 from tests.peers.cia402_node import Cia402Peer
 from tests.peers.daqmx_server import CounterCardPeer
 from tests.peers.modbus_drive import ModbusDrivePeer
-from tests.peers.motor import Motor
 from tests.peers.scpi_instruments import CounterPeer, ReadoutPeer
-from tests.system.networked import CAN_BUS, WATCHDOG_S, canopen, daqmx, described, scpi
+from tests.support.draws import nightly
+from tests.system.networked import (
+    CAN_BUS,
+    WATCHDOG_S,
+    canopen,
+    daqmx,
+    described,
+    motor_case,
+    scpi,
+)
 
 from torquebench.bench.drivers.base import CounterCard, Drive, Identified
 from torquebench.bench.drivers.instruments import open_role
 from torquebench.errors import BenchError, LimitError
+from torquebench.testing.drives import DriveContract, MotorCase
 
 PEERS = Path(__file__).resolve().parents[1] / "peers"
 LONGEST_S = 120.0
@@ -46,82 +54,27 @@ def wait_for(reached: Callable[[], bool], drive: Drive | None = None) -> None:
 # -- drives -----------------------------------------------------------------------------------
 
 
-@pytest.fixture(params=["modbus", "canopen", "canopen, slow"])
-def motor_and_drive(request: pytest.FixtureRequest) -> Iterator[tuple[Motor, Drive]]:
-    with ExitStack() as open_:
+class TestDrives(DriveContract):
+    @pytest.fixture(params=["modbus", "canopen", "canopen, cyclic", nightly("canopen, slow")])
+    def case(self, request: pytest.FixtureRequest) -> Iterator[MotorCase]:
         if request.param == "modbus":
-            peer = open_.enter_context(ModbusDrivePeer("OWN-1"))
-            section = {"protocol": "modbus", "address": peer.address}
-            drive = open_role(described(input_drive=section), "input_drive")
-            motor = peer.motor
-        else:
-            slowness_s = 0.15 if "slow" in request.param else 0.0
-            node = open_.enter_context(Cia402Peer(9, 1234567, slowness_s))
+            with ModbusDrivePeer("OWN-1") as peer:
+                section = {"protocol": "modbus", "address": peer.address}
+                yield motor_case(described(input_drive=section), "input_drive", peer.motor)
+            return
+        with Cia402Peer(9, 1234567, 0.15 if "slow" in request.param else 0.0) as node:
+            if "cyclic" in request.param:
+                node.modes = 0x300
             section = canopen() | {"node": 9, "bus": CAN_BUS | {"port": node.port}}
-            drive = open_role(described(output_drive=section), "output_drive")
-            motor = node.motor
-        open_.callback(drive.close)
-        yield motor, drive
+            yield motor_case(described(output_drive=section), "output_drive", node.motor)
 
-
-def test_a_drive_says_who_it_is(motor_and_drive: tuple[Motor, Drive]) -> None:
-    identity = motor_and_drive[1].identity()
-    assert identity.model == "drive of its own"
-    assert identity.serial in ("OWN-1", "1234567")
-
-
-def test_a_drive_follows_torque_and_speed(motor_and_drive: tuple[Motor, Drive]) -> None:
-    motor, drive = motor_and_drive
-    assert not drive.state().enabled
-    drive.enable()
-    assert motor.on
-    assert motor.watchdog_s == WATCHDOG_S
-    drive.command_torque(20.0, 400.0)
-    wait_for(lambda: motor.torque.present == motor.torque.target, drive)
-    assert drive.state().torque_nm == pytest.approx(20.0, abs=0.2)
-    drive.command_torque(-10.0, 400.0)
-    wait_for(lambda: motor.torque.present == motor.torque.target, drive)
-    assert drive.state().torque_nm == pytest.approx(-10.0, abs=0.2)
-    drive.ramp_to_zero(0.1)
-    wait_for(lambda: drive.state().torque_nm == 0.0, drive)
-    drive.command_speed(1.5, 20.0)
-    wait_for(lambda: motor.speed.present == motor.speed.target, drive)
-    assert drive.state().speed_rad_s == pytest.approx(1.5, rel=1e-3)
-    drive.ramp_to_zero(0.1)
-    wait_for(lambda: drive.state().speed_rad_s == 0.0, drive)
-    drive.disable()
-    assert not motor.on
-    assert not drive.state().enabled
-    assert drive.state().fault == ""
-
-
-def test_a_drive_that_is_not_fed_goes_off_and_comes_back(
-    motor_and_drive: tuple[Motor, Drive],
-) -> None:
-    motor, drive = motor_and_drive
-    drive.enable()
-    drive.command_torque(5.0, 100.0)
-    assert drive.state().enabled
-    motor.starve(WATCHDOG_S)
-    wait_for(lambda: not drive.state().enabled)
-    assert not motor.on
-    assert "watchdog" in drive.state().fault
-    for _ in range(2):
+    def test_its_watchdog_has_the_described_time(self, case: MotorCase, drive: Any) -> None:
+        assert drive.identity().model == "drive of its own"
+        assert drive.identity().serial in ("OWN-1", "1234567")
         drive.enable()
-        assert drive.state().enabled
-        assert drive.state().fault == ""
-        assert motor.torque.present == 0.0
-
-
-def test_a_drive_gets_nothing_beyond_its_own_limits(motor_and_drive: tuple[Motor, Drive]) -> None:
-    motor, drive = motor_and_drive
-    drive.enable()
-    for value in (1e5, float("nan"), float("inf")):
-        with pytest.raises(LimitError):
-            drive.command_torque(value, 100.0)
-        with pytest.raises(LimitError):
-            drive.command_speed(value, 100.0)
-    assert motor.largest_torque == 0.0
+        case.starve()
+        assert not case.powered()
+        wait_for(lambda: "watchdog" in drive.state().fault)
 
 
 @pytest.mark.parametrize("ratio", [25.0, -4.0])

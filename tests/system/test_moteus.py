@@ -1,7 +1,6 @@
 """A moteus controller as drive, against a peer of its reference on TCP and a serial line."""
 
 import math
-import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -14,7 +13,7 @@ from tests.system.networked import described
 from torquebench.bench.drivers.angles import DriveAngles
 from torquebench.bench.drivers.base import Positioned
 from torquebench.bench.drivers.instruments import open_role
-from torquebench.errors import BenchError, LimitError
+from torquebench.testing.drives import DriveContract, MotorCase
 
 NODE = 3
 
@@ -48,7 +47,7 @@ def fed(drive: Any, until: Callable[[], object]) -> None:
         time.sleep(0.02)
 
 
-def test_it_is_stepped_to_torque_speed_and_zero(peer: MoteusPeer, drive: Any) -> None:
+def test_it_is_stepped_and_states_its_position(peer: MoteusPeer, drive: Any) -> None:
     identity = drive.identity()
     assert (identity.serial, identity.model) == ("11223344556677880A0B0C0D", "moteus")
     drive.enable()
@@ -56,38 +55,19 @@ def test_it_is_stepped_to_torque_speed_and_zero(peer: MoteusPeer, drive: Any) ->
     fed(drive, lambda: peer.torque_nm >= 10.0)
     assert drive.state().torque_nm == pytest.approx(10.0)
     assert max(np.diff(peer.torques)) <= 20.0 * 0.02 + 1e-6, "no step longer than 20 ms"
-    drive.ramp_to_zero(0.1)
-    fed(drive, lambda: not drive.state().torque_nm)
-    assert drive.state().torque_nm == 0.0
-    drive.command_speed(-math.pi, 20.0)
-    fed(drive, lambda: drive.state().speed_rad_s == pytest.approx(-math.pi))
-    assert drive.state().speed_rad_s == pytest.approx(-math.pi)
     assert drive.position_counts() == 25_000
     assert isinstance(drive, Positioned)
     assert DriveAngles({"input": drive}).counts() == {"input": 25_000}
-    drive.disable()
-    assert not drive.state().enabled
 
 
-def test_it_refuses_beyond_its_limits_and_while_it_is_off(drive: Any) -> None:
-    with pytest.raises(BenchError, match="is off"):
-        drive.command_torque(1.0, 10.0)
-    drive.enable()
-    with pytest.raises(LimitError, match="own limit"):
-        drive.command_torque(21.0, 10.0)
-
-
-def test_an_unfed_ramp_ends_with_the_controllers_own_time(peer: MoteusPeer) -> None:
+def test_the_steps_of_an_unfed_ramp_do_not_feed_its_watchdog(peer: MoteusPeer) -> None:
     drive = open_role(described_for(peer, 0.6), "input_drive")
     try:
         drive.enable()
         drive.command_torque(20.0, 2.0)
         time.sleep(1.2)
         assert "watchdog not fed" in drive.state().fault
-        assert not drive.state().enabled
-        assert max(peer.torques) < 2.0 * 0.8, "the steps don't feed the watchdog"
-        drive.enable()
-        assert drive.state().enabled
+        assert max(peer.torques) < 2.0 * 0.8
     finally:
         drive.close()
 
@@ -99,21 +79,22 @@ def test_a_fault_has_its_code(peer: MoteusPeer, drive: Any) -> None:
     assert (state.enabled, state.fault) == (False, "fault code 38")
 
 
-def test_feeding_never_switches_it_on_again(peer: MoteusPeer, drive: Any) -> None:
-    ended = threading.Event()
+class TestDrive(DriveContract):
+    @pytest.fixture
+    def case(self, peer: MoteusPeer) -> MotorCase:
+        def seen(value: Callable[[], Any]) -> Callable[[], Any]:
+            def look() -> Any:
+                with peer._lock:
+                    peer.look()
+                    return value()
 
-    def feed() -> None:
-        while not ended.is_set():
-            drive.feed_watchdog()
+            return look
 
-    feeding = threading.Thread(target=feed)
-    feeding.start()
-    try:
-        for _ in range(20):
-            drive.enable()
-            drive.disable()
-            time.sleep(0.02)
-            assert not drive.state().enabled
-    finally:
-        ended.set()
-        feeding.join()
+        return MotorCase(
+            described_for(peer),
+            "input_drive",
+            powered=seen(lambda: peer.powered),
+            torque_nm=seen(lambda: peer.torque_nm),
+            speed_rad_s=seen(lambda: math.tau * peer.velocity),
+            unfed=described_for(peer, 2.0),
+        )

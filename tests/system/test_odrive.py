@@ -1,7 +1,6 @@
 """An ODrive controller as drive, against a peer of its manual on a CAN bus."""
 
 import math
-import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -9,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.peers.odrive_node import ESTOP, OdrivePeer
-from tests.system.command_line import wait_until
 from tests.system.networked import CAN_BUS, described
 
 from torquebench.bench.drivers.base import Positioned
 from torquebench.bench.drivers.instruments import open_role
-from torquebench.errors import BenchError, LimitError
+from torquebench.errors import BenchError
+from torquebench.testing.drives import DriveContract, MotorCase
 
 NODE = 5
 
@@ -48,7 +47,7 @@ def fed(drive: Any, until: Callable[[], object]) -> None:
         time.sleep(0.02)
 
 
-def test_it_is_stepped_to_torque_speed_and_zero(peer: OdrivePeer, drive: Any) -> None:
+def test_it_is_stepped_and_states_its_position(peer: OdrivePeer, drive: Any) -> None:
     identity = drive.identity()
     assert (identity.serial, identity.firmware) == ("3868365F3132", "0.6.10")
     drive.enable()
@@ -57,26 +56,8 @@ def test_it_is_stepped_to_torque_speed_and_zero(peer: OdrivePeer, drive: Any) ->
     fed(drive, lambda: peer.torque_nm >= 10.0)
     assert drive.state().torque_nm == pytest.approx(10.0)
     assert max(np.diff(peer.torques)) <= 20.0 * 0.02 + 1e-6, "no step longer than 20 ms"
-    drive.ramp_to_zero(0.1)
-    fed(drive, lambda: not drive.state().torque_nm)
-    assert drive.state().torque_nm == 0.0
-    drive.command_speed(-math.pi, 20.0)
-    fed(drive, lambda: peer.velocity == pytest.approx(-0.5))
-    assert peer.control_mode == 2
-    assert drive.state().speed_rad_s == pytest.approx(-math.pi)
     assert drive.position_counts() == 25_000
     assert isinstance(drive, Positioned)
-    drive.disable()
-    fed(drive, lambda: not drive.state().enabled)
-    assert not drive.state().enabled
-
-
-def test_it_refuses_beyond_its_limits_and_while_it_is_off(drive: Any) -> None:
-    with pytest.raises(BenchError, match="is off"):
-        drive.command_torque(1.0, 10.0)
-    drive.enable()
-    with pytest.raises(LimitError, match="own limit"):
-        drive.command_torque(21.0, 10.0)
 
 
 def test_an_unfed_ramp_ends_within_the_described_time(peer: OdrivePeer) -> None:
@@ -89,35 +70,32 @@ def test_an_unfed_ramp_ends_within_the_described_time(peer: OdrivePeer) -> None:
         while not drive.state().fault and time.monotonic() < deadline:
             time.sleep(0.05)
         assert "watchdog not fed for 4 s" in drive.state().fault
-        assert not drive.state().enabled
         assert max(peer.torques) < 2.0 * 2.0 * 1.5, "the steps end, so that the watchdog acts"
-        drive.enable()
-        assert drive.state().enabled
-        assert not drive.state().fault
     finally:
         drive.close()
 
 
-def test_feeding_never_sends_a_torque_as_a_velocity(peer: OdrivePeer, drive: Any) -> None:
-    ended = threading.Event()
+class TestDrive(DriveContract):
+    @pytest.fixture
+    def case(self, peer: OdrivePeer) -> Iterator[MotorCase]:
+        peer.watchdog_s = 5.0
 
-    def feed() -> None:
-        while not ended.is_set():
-            drive.feed_watchdog()
+        def seen(value: Callable[[], Any]) -> Callable[[], Any]:
+            def look() -> Any:
+                with peer.lock:
+                    peer.look()
+                    return value() if peer.powered else type(value())()
 
-    drive.enable()
-    feeding = threading.Thread(target=feed)
-    feeding.start()
-    try:
-        for _ in range(30):
-            drive.command_torque(10.0, 1e6)
-            wait_until(lambda: peer.torque_nm == 10.0, "the torque")
-            drive.command_speed(0.1, 1e6)
-            wait_until(lambda: peer.velocity > 0.0, "the velocity")
-    finally:
-        ended.set()
-        feeding.join()
-    assert max(peer.velocities) == pytest.approx(0.1 / math.tau)
+            return look
+
+        yield MotorCase(
+            described_for(peer),
+            "input_drive",
+            powered=seen(lambda: peer.powered),
+            torque_nm=seen(lambda: peer.torque_nm),
+            speed_rad_s=seen(lambda: math.tau * peer.velocity),
+        )
+        assert max(peer.velocities, default=0.0) < 1.0, "a torque was sent as a velocity"
 
 
 def test_an_error_has_its_code(peer: OdrivePeer, drive: Any) -> None:

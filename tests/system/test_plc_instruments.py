@@ -1,17 +1,18 @@
 """Instruments of PLCs by ADS and S7 against the servers of pyads and python-snap7."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 from tests.peers.plc import AdsPlc, S7Plc
-from tests.system.networked import described
+from tests.system.networked import described, motor_case
 
-from torquebench.bench.drivers.base import Drive, Positioned
+from torquebench.bench.drivers.base import Positioned
 from torquebench.bench.drivers.instruments import open_role
-from torquebench.errors import BenchError, InputError, LimitError
+from torquebench.errors import BenchError, InputError
+from torquebench.testing.drives import DriveContract, MotorCase, fed
 
 Plc = AdsPlc | S7Plc
 TORQUE = {"input": 12.5, "output": -250.0}
@@ -28,66 +29,19 @@ def opened(plc: Plc, key: str, **keys: Any) -> Any:
     return open_role(described(**{key: plc.section(timeout_s=2.0, **keys)}), key)
 
 
-def drive_of(plc: Plc, side: str = "input", **keys: Any) -> Any:
-    return opened(plc, f"{side}_drive", structure=plc.structure(side.capitalize()), **keys)
+class TestDrive(DriveContract):
+    @pytest.fixture
+    def case(self, plc: Plc) -> MotorCase:
+        section = plc.section(timeout_s=2.0, structure=plc.structure("Input"))
+        motor = plc.program.motors["Input"]
+        return motor_case(described(input_drive=section), "input_drive", motor)
 
-
-@pytest.fixture
-def drive(plc: Plc) -> Iterator[Drive]:
-    found = drive_of(plc)
-    yield found
-    found.close()
-
-
-def fed(drive: Drive, until: Callable[[], object]) -> None:
-    """Feed a drive until something is so."""
-    deadline = time.monotonic() + 60.0
-    while not until() and time.monotonic() < deadline:
-        drive.feed_watchdog()
-        time.sleep(0.02)
-
-
-def test_a_drive_ramps_to_torque_and_speed_and_to_zero_by_itself(plc: Plc, drive: Drive) -> None:
-    drive.enable()
-    drive.command_torque(20.0, 100.0)
-    fed(drive, lambda: drive.state().torque_nm == pytest.approx(20.0))
-    assert drive.state().torque_nm == pytest.approx(20.0)
-    drive.command_speed(-1.5, 5.0)
-    fed(drive, lambda: drive.state().speed_rad_s == pytest.approx(-1.5))
-    assert drive.state().speed_rad_s == pytest.approx(-1.5)
-    drive.ramp_to_zero(0.1)
-    fed(drive, lambda: drive.state().torque_nm == drive.state().speed_rad_s == 0.0)
-    assert drive.state().torque_nm == drive.state().speed_rad_s == 0.0
-    assert isinstance(drive, Positioned)
-    assert drive.position_counts() < 4711  # it has turned counter-clockwise from there
-    drive.disable()
-    assert not drive.state().enabled
-    assert not plc.program.motors["Input"].on
-
-
-def test_a_drive_that_is_off_or_beyond_its_limits_refuses(drive: Drive) -> None:
-    with pytest.raises(BenchError, match="refuses 1 with 100"):
-        drive.command_torque(1.0, 100.0)
-    drive.enable()
-    with pytest.raises(LimitError, match="own limit"):
-        drive.command_torque(61.0, 100.0)
-    drive.disable()
-
-
-def test_an_unfed_drive_stops_by_itself_and_says_so(plc: Plc, drive: Drive) -> None:
-    drive.enable()
-    drive.command_torque(5.0, 100.0)
-    motor = plc.program.motors["Input"]
-    with motor.lock:
-        motor.starve(motor.watchdog_s)
-    deadline = time.monotonic() + 60.0
-    while (state := drive.state()).enabled and time.monotonic() < deadline:
-        time.sleep(0.02)
-    assert not state.enabled
-    assert "watchdog not fed" in state.fault
-    drive.enable()
-    assert drive.state().enabled
-    assert drive.state().fault == ""
+    def test_it_states_its_position(self, drive: Any) -> None:
+        assert isinstance(drive, Positioned)
+        drive.enable()
+        before = drive.position_counts()
+        drive.command_speed(-1.5, 5.0)
+        fed(drive, lambda: drive.position_counts() < before)
 
 
 def test_a_program_that_stands_is_an_error_of_the_drive_and_no_value_of_the_torque(

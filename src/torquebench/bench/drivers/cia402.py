@@ -449,6 +449,7 @@ class Cia402Drive:
     def enable(self) -> None:
         """Reset a fault, start the heartbeat monitoring, and enable operation at zero torque."""
         link = self._link
+        self._stepper.stop()  # it may not have noticed yet that nobody feeds
         link.start_node()
         link.beat()
         link.watch(self._write, self._watchdog_s)
@@ -463,7 +464,6 @@ class Cia402Drive:
             self._switch(DISABLE_VOLTAGE, "switch on disabled")
         self._write(TARGET_TORQUE, 0)
         self._write(TARGET_VELOCITY, 0)
-        self._stepper.stop()
         self._stepper.feed()
         self._set_mode(self._torque_mode)
         self._switch(SHUT_DOWN, "ready to switch on")
