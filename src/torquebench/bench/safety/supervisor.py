@@ -268,7 +268,7 @@ class SafetySupervisor:
     def _act(self, violation: Violation | None, changes: list[Change]) -> None:
         """Trip for a violation, and raise or clear the warnings that changed."""
         if violation is not None and self._book.latched is None:
-            self._trip_for(self._with_the_drives_words(violation))
+            self._trip_for(self._with_acting_limit(violation))
         for change in changes:
             if change.watch.number:
                 self._book.clear(change.watch.number)
@@ -279,8 +279,8 @@ class SafetySupervisor:
                     found.kind, found.source, found.found, found.allowed, found.remedy
                 ).number
 
-    def _with_the_drives_words(self, violation: Violation) -> Violation:
-        """Add the drive's own report to a violation about a command that it doesn't follow."""
+    def _with_acting_limit(self, violation: Violation) -> Violation:
+        """Add to a command that a drive doesn't follow whether the drive's own limit acts."""
         if violation.kind is not AlarmKind.FOLLOWING:
             return violation
         state = next(w.state for side, w in self._workers.items() if side == violation.source)
