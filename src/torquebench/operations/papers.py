@@ -152,8 +152,8 @@ def run_in_place(place: Place, request: InPlaceRequest, progress: Progress) -> I
         range_nm = description.module(side).range_nm
         table = place.compute(read_alone, request.alone, side, range_nm, progress=progress)
         measured = replace(measured, alone=table)
+    from torquebench.papers.in_place import alone_row, in_place_page
     from torquebench.papers.models import BP_RESIDUAL, RECOMMENDED_NAME, fit_module
-    from torquebench.papers.page import alone_row, in_place_page
 
     fitted = fit_module(measured, (BP_RESIDUAL, RECOMMENDED_NAME))
     found = alone_row(fitted)

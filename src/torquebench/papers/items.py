@@ -196,6 +196,8 @@ SUB_SYSTEMS = (
 )
 """The six sub-systems that the papers name."""
 LOADING = "0.1 % of range"
+LIMIT_PERCENT = 0.1
+"""Error and repeatability stated by the papers, % FS."""
 HARDWARE: Mapping[str, str] = MappingProxyType(
     {
         "transducer, input": "T40B, 0-50 N·m, 0.1 %",

@@ -29,9 +29,9 @@ from torquebench.mechanics import (
 from torquebench.message import Message
 from torquebench.papers.items import Answer
 from torquebench.papers.study import Contender, errors_of, studied_chain
-from torquebench.reports.curve_figures import Panel, bodies_figure, panels_figure
+from torquebench.reports.curve_figures import Panel, bodies_figure
 from torquebench.reports.errors_table import number
-from torquebench.reports.page import Block, Facts, Figure, Table
+from torquebench.reports.page import Block, Diagram, Facts, Figure, Table
 from torquebench.validation import parse_toml
 
 COAXIALITY_LIMIT_M = 0.03e-3
@@ -195,8 +195,8 @@ def additional_torque_blocks(design: Design) -> tuple[Answer, Blocks]:
     effect = coaxiality_effect_nm(design)
     share = 100.0 * effect / design.range_nm
     blocks: Blocks = [
-        Figure(
-            panels_figure([consistent, as_printed], height=2.7),
+        Diagram(
+            [consistent, as_printed],
             "The three parts of the additional torque and their sum, odd in the torque. Below, the "
             "equations as printed, for clockwise torque: they multiply by the strain coefficient "
             "where they must divide, so their sum isn't a torque of this chain.",
@@ -204,7 +204,7 @@ def additional_torque_blocks(design: Design) -> tuple[Answer, Blocks]:
         Table(
             ("part at full scale", "consistent, N·m", "% FS", "as printed, N·m"),
             rows,
-            f"{design.name}, {design.range_nm:g} N·m.",
+            Message("{name}, {range_nm:g} N·m.", design.name, design.range_nm),
         ),
         _sensitivity_table(design),
         Facts(
@@ -220,10 +220,13 @@ def additional_torque_blocks(design: Design) -> tuple[Answer, Blocks]:
             )
         ),
     ]
-    ours = (
-        f"at {design.range_nm:g} N·m: {number(at_full['sum'])} N·m "
-        f"({number(100.0 * at_full['sum'] / design.range_nm)} % FS), a coaxiality error of 0.03 mm "
-        f"alone {number(effect)} N·m"
+    ours = Message(
+        "at {range_nm:g} N·m: {sum} N·m ({share} % FS), a coaxiality error of 0.03 mm alone "
+        "{effect} N·m",
+        design.range_nm,
+        number(at_full["sum"]),
+        number(100.0 * at_full["sum"] / design.range_nm),
+        number(effect),
     )
     return Answer(ours, "shown", "quadratic in the torque; dimensions are an example"), blocks
 
@@ -305,15 +308,8 @@ def section_blocks() -> tuple[Answer, Blocks]:
     grid = np.geomspace(1.0, 100.0, 200)
     curve = Curve("closed form", grid, equal_area_twist_ratio(grid))
     endless = Curve("a/b → ∞: 3 (a/b) / (2π)", grid, 3.0 * grid / tau, raw=True)
-    figure = panels_figure(
-        [
-            Panel(
-                [curve, endless],
-                "a/b",
-                "θ of the rectangle / θ of the circle",
-                logarithmic="xy",
-            )
-        ]
+    ratio_panel = Panel(
+        [curve, endless], "a/b", "θ of the rectangle / θ of the circle", logarithmic="xy"
     )
     gain = float(hollow_circle_gain(0.8))
     blocks: Blocks = [
@@ -323,7 +319,9 @@ def section_blocks() -> tuple[Answer, Blocks]:
             "Twist per length θ of a rectangle by that of a circle of the same area, by "
             "Saint-Venant's series. The rectangle's torsion constant is β a b³.",
         ),
-        Figure(figure, "The ratio over a/b; above 1 everywhere, and it grows without bound."),
+        Diagram(
+            [ratio_panel], "The ratio over a/b; above 1 everywhere, and it grows without bound."
+        ),
         Facts(
             (
                 (
@@ -337,8 +335,10 @@ def section_blocks() -> tuple[Answer, Blocks]:
     ]
     return (
         Answer(
-            f"{number(float(equal_area_twist_ratio(1.0)), 4)} (a/b = 1) to "
-            f"{number(float(equal_area_twist_ratio(20.0)), 4)} (a/b = 20)",
+            Message(
+                "{square} (a/b = 1) to {flat} (a/b = 20)",
+                *(number(float(equal_area_twist_ratio(each)), 4) for each in (1.0, 20.0)),
+            ),
             "met",
             "the circle is stiffer for every a/b",
         ),
@@ -424,8 +424,12 @@ def support_blocks(
         ),
     ]
     answer = Answer(
-        f"cylinder {number(found.ratio)} times as stiff with the same mass under the same load, "
-        f"{number(found.horizontal_ratio)} times as the cantilever about its horizontal shaft",
+        Message(
+            "cylinder {ratio} times as stiff with the same mass under the same load, {horizontal} "
+            "times as the cantilever about its horizontal shaft",
+            number(found.ratio),
+            number(found.horizontal_ratio),
+        ),
         "met",
         "dimensions are an example; the papers' aren't published",
     )

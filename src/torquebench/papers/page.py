@@ -14,7 +14,16 @@ from torquebench.figures import Curve
 from torquebench.papers.acquisition import acquisition_blocks, streamed
 from torquebench.papers.factors import changing_torque, factor_table
 from torquebench.papers.facts import FAILED, MOUNTING
-from torquebench.papers.items import HARDWARE, ITEMS, LOADING, SUB_SYSTEMS, Answer, Fulfilment
+from torquebench.papers.in_place import alone_cells, alone_diagram, alone_row, alone_table
+from torquebench.papers.items import (
+    HARDWARE,
+    ITEMS,
+    LIMIT_PERCENT,
+    LOADING,
+    SUB_SYSTEMS,
+    Answer,
+    Fulfilment,
+)
 from torquebench.papers.mechanics import (
     DESIGNS,
     Blocks,
@@ -51,8 +60,6 @@ from torquebench.reports.verification_report import (
 )
 from torquebench.uncertainty import stated
 
-LIMIT_PERCENT = 0.1
-"""Error and repeatability stated by the papers, % FS."""
 MESH_M, STREAM_S = (0.06, 0.12), (5.0, 1.0)
 """Size of finite elements, and duration of the stream, for the full and the quick page."""
 
@@ -704,109 +711,17 @@ def _alone(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
             data = module.tables.verification
             assert data is not None
             worst.append(found[1])
-            rows.append([f"{bench.tables.name}: {side}", *(number(each) for each in found)])
+            rows.append(alone_cells(bench.tables.name, side, found))
             if bench is benches[0]:
-                blocks.append(_alone_figure(side, module))
+                blocks.append(alone_diagram(side, module))
     if not rows:
         return Answer("no transducer calibrated alone", "not measured", "give alone-SIDE.csv"), []
-    blocks.append(_alone_table(rows))
+    blocks.append(alone_table(rows))
     return Answer(
         f"calibrated alone: {number(min(worst))} to {number(max(worst))} % FS in the chain",
         "shown",
         "a calibration of the transducer alone doesn't contain the chain's additional torque",
     ), blocks
-
-
-def _alone_table(rows: Sequence[Sequence[str]]) -> Table:
-    return Table(
-        (
-            "module",
-            "raw, % FS",
-            "calibrated alone, % FS",
-            "calibrated in place, % FS",
-            "in place, rising only (BP), % FS",
-        ),
-        rows,
-        "Worst error of fresh readings in the chain: with the transducer's own calibration "
-        "(alone), and with the calibration of the whole chain in place.",
-    )
-
-
-def in_place_page(name: str, side: Side, module: FittedModule) -> Page:
-    """Return the report that compares a transducer's calibration alone and in place.
-
-    Parameters
-    ----------
-    name : str
-        Name of the bench.
-    side : {"input", "output"}
-    module : FittedModule
-        Module with a calibration of the transducer alone, and fresh readings.
-    """
-    found = alone_row(module)
-    assert found is not None
-    data = module.tables.calibration
-    rows = [[f"{name}: {side}", *(number(each) for each in found)]]
-    return Page(
-        "Calibrated alone against in place",
-        f"{name}, {side} module, {data.range_nm:g} N·m",
-        [Section("Result", "", (_alone_table(rows), _alone_figure(side, module)))],
-        simulated=data.simulated,
-    )
-
-
-def alone_row(module: FittedModule) -> tuple[float, float, float, float] | None:
-    """Return worst errors in % FS: raw, calibrated alone, in place, and by BP in place."""
-    data = module.tables.verification
-    if module.tables.alone is None or data is None:
-        return None
-    errors = [
-        module.errors_nm(data),
-        _by_alone(module, data),
-        module.errors_nm(data, RECOMMENDED_NAME),
-        module.errors_nm(data, BP_RESIDUAL),
-    ]
-    raw, alone, place, network = (
-        100.0 * float(np.max(np.abs(error))) / data.range_nm for error in errors
-    )
-    return raw, alone, place, network
-
-
-def _by_alone(module: FittedModule, data: CalibrationData) -> np.ndarray:
-    """Return a cubic's errors, N·m, at fresh readings; it is fitted to the transducer alone."""
-    alone = module.tables.alone
-    assert alone is not None
-    x = alone.reading_nm / data.range_nm
-    powers = np.column_stack([x, x**2, x**3])
-    weights = np.linalg.lstsq(powers, alone.standard_nm, rcond=None)[0]
-    fresh = data.reading_nm / data.range_nm
-    return np.asarray(np.column_stack([fresh, fresh**2, fresh**3]) @ weights - data.standard_nm)
-
-
-def _alone_figure(side: Side, module: FittedModule) -> Figure:
-    data = module.tables.verification
-    assert data is not None
-    limit = LIMIT_PERCENT / 100.0 * data.range_nm
-    panel = Panel(
-        [
-            Curve("calibrated alone", data.standard_nm, _by_alone(module, data)),
-            Curve(
-                "calibrated in place",
-                data.standard_nm,
-                module.errors_nm(data, RECOMMENDED_NAME),
-            ),
-        ],
-        "torque in N·m",
-        "error in N·m",
-        markers=True,
-        limits=(-limit, limit),
-        range_nm=data.range_nm,
-    )
-    return Figure(
-        panels_figure([panel]),
-        f"{side.capitalize()} module: errors of fresh readings in the chain by either calibration. "
-        "Dashed: ±0.1 % FS.",
-    )
 
 
 # -- item 17 ----------------------------------------------------------------------------------

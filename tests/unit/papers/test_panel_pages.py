@@ -1,0 +1,67 @@
+"""What operations of the papers show on the Chinese panel is Chinese, curves' names included."""
+
+import re
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import cast
+
+import numpy as np
+import pytest
+
+from torquebench.calibration import CalibrationData
+from torquebench.operations import find_operation
+from torquebench.operations.mechanics import Mechanics
+from torquebench.operations.place import Place
+from torquebench.papers.in_place import in_place_page
+from torquebench.papers.models import BP_RESIDUAL, RECOMMENDED_NAME, fit_module
+from torquebench.papers.tables import ModuleTables
+from torquebench.progress import NO_PROGRESS
+from torquebench.reports.page import Diagram, Facts, Figure, Page, Table, drawn
+from torquebench.translations import has_words, translated
+
+
+def in_place() -> Page:
+    up = np.linspace(0.0, 2000.0, 11)
+    torque = np.concatenate([up, up[::-1], -up, -up[::-1]])
+    branch = np.repeat([1, -1, 1, -1], 11)
+    reading = torque * (1.0 + 1e-3) + 0.2 * branch
+    data = CalibrationData(reading, torque, np.ones(44, int), branch, 2000.0, side="output")
+    module = ModuleTables(data, data, None, data)
+    return in_place_page("Lab 3", "output", fit_module(module, (BP_RESIDUAL, RECOMMENDED_NAME)))
+
+
+def mechanics(name: str) -> Page:
+    operation = find_operation(f"mechanics {name}")
+    found = operation.run(cast(Place, None), operation.request(), NO_PROGRESS)
+    assert isinstance(found, Mechanics)
+    assert found.page().sections[0].blocks
+    return Page(found.headline, "", found.page().sections)
+
+
+def texts(page: Page) -> Iterator[str]:
+    """Yield every text of a page, with the names of curves and axes."""
+    yield page.title
+    for section in page.sections:
+        yield from (section.heading, section.text)
+        for block in drawn(section.blocks):
+            if isinstance(block, Facts):
+                yield from (each for pair in block.items for each in pair)
+            if isinstance(block, Table):
+                yield from (*block.header, *(cell for row in block.rows for cell in row))
+            if isinstance(block, Table | Figure | Diagram):
+                yield block.caption
+            if isinstance(block, Diagram):
+                for panel in block.panels:
+                    yield from (panel.title, panel.abscissa, panel.ordinate)
+                    yield from (curve.label for curve in panel.curves)
+
+
+@pytest.mark.parametrize(
+    "page",
+    [in_place, *(partial(mechanics, each) for each in ("additional-torque", "sections"))],
+    ids=["in-place", "additional-torque", "sections"],
+)
+def test_what_the_panel_shows_of_the_papers_is_chinese(page: Callable[[], Page]) -> None:
+    said = {each for each in texts(page()) if has_words(each) and re.search("[a-z]{2}", each)}
+    assert len(said) > 5
+    assert [each for each in sorted(said) if translated(each, "zh") == each] == []
