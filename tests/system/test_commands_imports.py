@@ -212,3 +212,25 @@ def test_a_command_imports_only_what_it_needs(
         assert run("fit", "calibration.csv", *fitted, cwd=tmp_path).returncode == 0
     ((_, code, imported, said),) = answers(tmp_path, not_needed, command)
     assert (code, imported) == (0, []), said
+
+
+AT_REST = """
+import sys
+from torquebench.panel.lean_import import import_nicegui
+
+import_nicegui()
+from torquebench.panel import pages, server
+from torquebench.panel.service import BenchService
+
+pages.import_pages()
+loaded = set(sys.modules)
+import aiohttp  # others still find it
+
+heavy = {"matplotlib", "pandas", "sklearn", "scipy.optimize", "scipy.signal", "scipy.special"}
+print(sorted(heavy & loaded), sorted({"aiohttp", "requests", "tornado.web"} & loaded))
+"""
+
+
+def test_a_server_at_rest_has_no_library_for_fits_and_no_other_server() -> None:
+    said = subprocess.run([sys.executable, "-c", AT_REST], capture_output=True, text=True)
+    assert said.stdout == "[] []\n", said

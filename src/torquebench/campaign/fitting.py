@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.special import fdtri
 
 from torquebench import __version__
 from torquebench.atomic_write import private_folder
@@ -399,6 +398,8 @@ def few_points(model: CompensationModel, count: int) -> Iterator[str]:
     The scatter of the inner and of the outer half of the points differ by chance up to the square
     root of Fisher's F for half of the degrees of freedom each (95 %): doubled noise doesn't show.
     """
+    from scipy.special import fdtri  # imported late: a server at rest doesn't need SciPy
+
     half = max(0.5 * model.scatter_freedom, 1.0)
     factor = float(np.sqrt(fdtri(half, half, 0.975)))
     if factor > 2.0:

@@ -64,6 +64,9 @@ def panel_command(services: Sequence[PanelService]) -> Callable[..., None]:
         ]
         description = bench_description(bench)
 
+        from torquebench.panel.lean_import import import_nicegui
+
+        import_nicegui()
         from torquebench.panel.server import serve
         from torquebench.panel.service import BenchService
 

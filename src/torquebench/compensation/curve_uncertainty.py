@@ -21,7 +21,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr, stdtrit
 
 from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.state import storable
@@ -101,6 +100,8 @@ def half_widths(bias: FloatArray, spread: FloatArray) -> FloatArray:
     >>> half_widths(np.array([[0.0], [3.0]]), np.array([[1.0], [1.0]])).round(3)
     array([1.96 , 4.645])
     """
+    from scipy.special import ndtr  # imported late: a server at rest doesn't need SciPy
+
     low = np.zeros(bias.shape[0])
     high = np.max(np.abs(bias) + 2.0 * spread, axis=1)
     safe = np.maximum(spread, 1e-12 * np.max(high, initial=1e-300))
@@ -126,4 +127,6 @@ def student_widening(freedom: float) -> float:
     >>> round(student_widening(20.0), 3)
     1.064
     """
+    from scipy.special import stdtrit  # imported late: a server at rest doesn't need SciPy
+
     return float(stdtrit(max(freedom, 1.0), 0.975)) / COVERAGE_95

@@ -98,6 +98,42 @@ def _places(
     return columns, places
 
 
+def non_negative_solution(matrix: FloatArray, goal: FloatArray) -> tuple[FloatArray, float]:
+    """Return x ≥ 0 of least ‖matrix·x − goal‖, and that distance.
+
+    By active sets (C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, 1974, chapter
+    23). SciPy has it, too, but with its optimisers, which take 40 MB of a server that fits nothing.
+
+    Parameters
+    ----------
+    matrix : float64 array of shape (n, k)
+        Of full column rank.
+    goal : float64 array of shape (n,)
+    """
+    solution = np.zeros(matrix.shape[1])
+    free = np.zeros(solution.size, dtype=bool)
+    small = 1e-12 * float(np.linalg.norm(matrix) * np.linalg.norm(goal))
+    for _ in range(3 * solution.size):  # as in SciPy: rounding may let one come and go for ever
+        residual = goal - matrix @ solution
+        wish = np.where(free, -np.inf, matrix.T @ residual)
+        if not wish.max() > small:
+            break
+        free[wish.argmax()] = True
+        while True:
+            trial = np.zeros(solution.size)
+            trial[free] = np.linalg.lstsq(matrix[:, free], goal, rcond=None)[0]
+            below = free & (trial <= 0.0)
+            if not below.any():
+                break
+            way = np.maximum(solution[below] - trial[below], np.finfo(float).tiny)
+            step = float(np.min(solution[below] / way))
+            solution += step * (trial - solution)
+            free &= solution > 1e-14 * solution.max()
+            solution[~free] = 0.0
+        solution = trial
+    return solution, float(np.linalg.norm(goal - matrix @ solution))
+
+
 @dataclass(frozen=True)
 class HysteresisOperator:
     """Play operators of a chain, and their states during the calibration.
@@ -205,15 +241,13 @@ class HysteresisOperator:
 
     def _weighted(self, parts: FloatArray, loop: FloatArray) -> HysteresisOperator:
         """Fit the operators' weights, smooth over the widths, to a loop."""
-        from scipy.optimize import nnls  # imported late: a chain without loops doesn't need SciPy
-
         # weights of neighbouring widths are kept similar: otherwise noise would select single
         # widths
         bend = np.diff(np.eye(parts.shape[1]), 2, axis=0)
         scale = float(np.sqrt(np.sum(parts**2) / parts.shape[1]))
         rows = [np.vstack([sign * parts, scale * bend]) for sign in (1.0, -1.0)]
         goal = np.append(loop, np.zeros(len(bend)))
-        solutions = [nnls(row, goal) for row in rows]
+        solutions = [non_negative_solution(row, goal) for row in rows]
         sign = 1.0 if solutions[0][1] <= solutions[1][1] else -1.0
         shares = solutions[0 if sign > 0 else 1][0]
         total = float(np.sum(shares))

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtr, stdtrit
 
 from torquebench.compensation.base import CompensationModel
 from torquebench.compensation.checks import (
@@ -419,6 +418,8 @@ class _Tally:
 
 def _one_error(count: int) -> float:
     """Return Student's factor for one standard error that is estimated from a number of steps."""
+    from scipy.special import ndtr, stdtrit  # imported late: a server at rest doesn't need SciPy
+
     return float(stdtrit(max(count - 1, 1), ndtr(1.0)))
 
 

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expit, zeta
 
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -88,6 +87,8 @@ def rectangle_torsion_factor(aspect_ratio: ArrayLike) -> FloatArray:
     >>> rectangle_torsion_factor([1.0, 2.0, 10.0]).round(4)
     array([0.1406, 0.2287, 0.3123])
     """
+    from scipy.special import expit, zeta  # imported late: a server at rest doesn't need SciPy
+
     ratio = _positive("aspect ratio a/b", aspect_ratio)
     if np.any(ratio < 1.0):
         raise InputError(

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.fft import rfft
 
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -488,7 +487,7 @@ def _power(even: NDArray[np.float64]) -> NDArray[np.float64]:
     trend = np.column_stack((np.arange(1, count + 1) / count, np.ones(count)))
     flat = even - trend @ np.linalg.lstsq(trend, even)[0]
     window = 0.5 - 0.5 * np.cos(TURN * np.arange(count) / count)
-    power = np.square(np.abs(rfft(window * flat)))
+    power = np.square(np.abs(np.fft.rfft(window * flat)))
     power[1 : (count + 1) // 2] *= 2.0
     return np.asarray(power, dtype=np.float64)
 

@@ -8,7 +8,6 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import special
 
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -63,6 +62,8 @@ def coverage_factor(
             Message("coverage probability {coverage_probability:g}", coverage_probability),
             "between 0 and 1",
         )
+    from scipy import special  # imported late: a server at rest doesn't need SciPy
+
     freedom = np.asarray(degrees_of_freedom, dtype=np.float64)
     if not np.all(freedom > 0):
         raise InputError("degrees of freedom that are not above 0", "above 0")

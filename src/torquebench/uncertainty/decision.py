@@ -8,8 +8,6 @@ from enum import StrEnum
 from math import isfinite
 from typing import Literal
 
-from scipy import special
-
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.uncertainty.budget import coverage_factor
@@ -171,6 +169,8 @@ def conformance_probability(
     if standard_uncertainty == 0.0:
         inside = (lower is None or value >= lower) and (upper is None or value <= upper)
         return 1.0 if inside else 0.0
+
+    from scipy import special  # imported late: a server at rest doesn't need SciPy
 
     def below(limit: float) -> float:
         """Return the probability that the true value is below a limit."""

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import nnls
 
 from torquebench.compensation import features, make_model
 from torquebench.compensation.hysteresis import (
     HistoryCompensator,
     HysteresisOperator,
+    non_negative_solution,
     one_sided_path,
 )
 from torquebench.compensation.table import compile_table
@@ -303,3 +305,15 @@ def test_a_table_without_branches_needs_no_history():
 def test_bad_input_is_named(call, message):
     with pytest.raises(InputError, match=message):
         call(one_sided_path(1.0))
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 15), st.integers(0, 30), st.booleans())
+def test_weights_that_are_not_negative_are_those_of_scipy(seed, count, more, alike) -> None:
+    draws = np.random.default_rng(seed)
+    matrix = draws.normal(size=(count + more, count)) + 3.0 * alike
+    goal = draws.normal(size=count + more)
+    solution, distance = non_negative_solution(matrix, goal)
+    expected, least = nnls(matrix, goal)
+    assert solution.min() >= 0.0
+    assert distance == pytest.approx(least, rel=1e-9, abs=1e-12)
+    assert matrix @ solution == pytest.approx(matrix @ expected, rel=1e-6, abs=1e-9)

@@ -21,8 +21,6 @@ from math import lgamma
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cholesky
-from scipy.linalg.lapack import dtrtri
 
 from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.hybrid.parts import (
@@ -239,6 +237,9 @@ def log_posterior(
     problem: Problem, layout: Layout, weights: FloatArray, theta: FloatArray
 ) -> tuple[float, FloatArray, _Solved]:
     """Return log p(y|θ) p(θ) without constants, its gradient, and the coefficients' posterior."""
+    from scipy.linalg import cholesky  # imported late: a server at rest doesn't need SciPy
+    from scipy.linalg.lapack import dtrtri
+
     trend = problem.trend(layout.structure.trend)
     columns, scales, blocks = [trend], [np.zeros(trend.shape[1])], list[_Block]()
     first = trend.shape[1]

@@ -8,7 +8,6 @@ from numbers import Integral
 from typing import ClassVar
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 
 from torquebench.compensation.base import CompensationModel
 from torquebench.compensation.checks import WHOLE_SHARE
@@ -237,5 +236,7 @@ def _scales(u: FloatArray, target: FloatArray, weights: FloatArray) -> tuple[flo
 
 def _whitening(shared: FloatArray, weights: FloatArray) -> FloatArray:
     """Return the inverse Cholesky factor of the points' correlated scatter."""
-    factor = cholesky(np.diag(1.0 / weights) + shared, lower=True)
-    return np.asarray(solve_triangular(factor, np.eye(len(factor)), lower=True))
+    from scipy import linalg  # imported late: a server at rest doesn't need SciPy
+
+    factor = linalg.cholesky(np.diag(1.0 / weights) + shared, lower=True)
+    return np.asarray(linalg.solve_triangular(factor, np.eye(len(factor)), lower=True))

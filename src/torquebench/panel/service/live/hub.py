@@ -6,6 +6,7 @@ signal. Readers request the rows after their last one.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -18,12 +19,19 @@ from numpy.typing import NDArray
 from torquebench.bench.blocks import KEPT_S, Block, Viewer, fault_of
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.roles import SIDES, reference_channel, torque_channel
+from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
+from torquebench.chain import Torque
 from torquebench.columns import Column, column_of
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.operations.recording import SignalWindows, torque_windows
-from torquebench.panel.service.live.rings import Rows, TrendMemory, envelope, nan_mean
+from torquebench.panel.service.live.rings import (
+    Array,
+    Rows,
+    TrendMemory,
+    envelope,
+    extremes_and_mean,
+)
 from torquebench.signals import History, Record
 from torquebench.units import DEG_PER_TURN, RPM_PER_RAD_S
 
@@ -41,6 +49,8 @@ Connection = Literal["live", "stale", "lost"]
 
 STALE_AFTER_S = 1.0
 """Time without a new value after which a signal counts as stale, s of wall time."""
+UNCERTAINTY_S = 0.2
+"""Interval of bench time at which U is computed, s; it changes slowly, and costs most of a row."""
 ROWS = 3600
 FACTORS = (10, 4)
 """Number of rows merged from level to level. With blocks of 30 ms, the levels hold 108 s of every
@@ -157,6 +167,7 @@ class LiveHub:
         self._newest = np.full(len(SIGNALS), np.nan)
         self._seen_at = np.full(len(SIGNALS), -np.inf)
         self._faults: dict[str, str] = {}
+        self._stated: dict[Side, tuple[float, float]] = {}
         self._block_at = time.monotonic()
         self._bench_s = 0.0
         self._clock_s = time.time()
@@ -200,20 +211,17 @@ class LiveHub:
             self._block_at, self._bench_s = now, block.stop_s
             self._lock.notify_all()
 
-    def _row(
-        self, block: Block
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], dict[str, str]]:
-        low = np.full(len(SIGNALS), np.nan)
-        high, mean = low.copy(), low.copy()
+    def _row(self, block: Block) -> tuple[Array, Array, Array, dict[str, str]]:
+        low, high, mean = ([math.nan] * len(SIGNALS) for _ in range(3))
         faults: dict[str, str] = {}
 
-        def put(name: str, values: NDArray[np.float64] | float) -> None:
+        def put(name: str, value: float) -> None:
             place = _INDEX[name]
-            found = np.atleast_1d(values)
-            if found.size:
-                low[place] = np.fmin.reduce(found)
-                high[place] = np.fmax.reduce(found)
-                mean[place] = nan_mean(found)
+            low[place] = high[place] = mean[place] = value
+
+        def put_all(name: str, values: Array) -> None:
+            place = _INDEX[name]
+            low[place], high[place], mean[place] = extremes_and_mean(values)
 
         for side in SIDES:
             for channel, name in (
@@ -223,16 +231,13 @@ class LiveHub:
                 record = block.records.get(channel)
                 if record is None:
                     continue
-                put(name, record["reading_nm"])
+                put_all(name, record["reading_nm"])
                 if record["fault"].any():
                     faults[name] = fault_of(record).description
             compensated = block.torques.get(side)
             if compensated is not None and len(compensated):
-                put(f"{side}_torque_nm", compensated.value_nm)
-                kept = np.flatnonzero(np.isfinite(compensated.value_nm))
-                if kept.size:  # U of the block's mean, which is the displayed torque
-                    stated = compensated.at(kept).mean().expanded_uncertainty_nm
-                    put(f"{side}_expanded_uncertainty_nm", float(stated[0]))
+                put_all(f"{side}_torque_nm", compensated.value_nm)
+                put(f"{side}_expanded_uncertainty_nm", self._uncertainty(side, compensated, block))
             put(f"{side}_speed_rpm", block.speed_rad_s(side) * RPM_PER_RAD_S)
             put(f"{side}_acceleration_rad_s2", block.condition(f"{side}_acceleration_rad_s2"))
             angle, module = block.angle(side), self._description.module(side)
@@ -241,25 +246,37 @@ class LiveHub:
                 put(f"{side}_angle_deg", DEG_PER_TURN * turns)
             put(f"{side}_temperature_c", block.temperature_c(module.temperature_probe))
         put("efficiency_percent", self._efficiency(mean))
-        return low, high, mean, faults
+        return np.array(low), np.array(high), np.array(mean), faults
 
-    def _efficiency(self, mean: NDArray[np.float64]) -> float:
+    def _uncertainty(self, side: Side, compensated: Torque, block: Block) -> float:
+        """Return U of a block's mean torque, which is displayed; the last one for a short time."""
+        kept = np.isfinite(compensated.value_nm)
+        if not kept.any():
+            return math.nan
+        until_s, stated_nm = self._stated.get(side, (-math.inf, math.nan))
+        if not block.stop_s < until_s:
+            torque = compensated if kept.all() else compensated.at(np.flatnonzero(kept))
+            stated_nm = float(torque.mean().expanded_uncertainty_nm[0])
+            self._stated[side] = block.stop_s + UNCERTAINTY_S - 1e-9, stated_nm
+        return stated_nm
+
+    def _efficiency(self, mean: Sequence[float]) -> float:
         """Return the efficiency, output power by input power in either direction; NaN if undefined.
 
         It needs compensated torques, so a side without a model gives NaN.
         """
         if self._mounted() != "reducer":
-            return float("nan")
+            return math.nan
         powers = []
         for side in SIDES:
             torque = mean[_INDEX[f"{side}_torque_nm"]]
             speed = mean[_INDEX[f"{side}_speed_rpm"]]
             if not abs(torque) > MEANINGFUL_SHARE * self._description.module(side).range_nm:
-                return float("nan")
-            powers.append(abs(float(torque * speed)))
+                return math.nan
+            powers.append(abs(torque * speed))
         if not abs(mean[_INDEX["input_speed_rpm"]]) > MEANINGFUL_SPEED_RPM:
-            return float("nan")
-        return 100.0 * min(powers) / max(powers) if max(powers) > 0.0 else float("nan")
+            return math.nan
+        return 100.0 * min(powers) / max(powers) if max(powers) > 0.0 else math.nan
 
     # -- for watchers -----------------------------------------------------------------------
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite, nan
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LevelRing", "Rows", "TrendMemory", "envelope", "nan_mean"]
+__all__ = ["LevelRing", "Rows", "TrendMemory", "envelope", "extremes_and_mean", "nan_mean"]
 
 Array = NDArray[np.float64]
 
@@ -152,6 +153,19 @@ class TrendMemory:
             if not level.full or level.oldest_s <= start_s:
                 return level.between(start_s, stop_s)
         return self.levels[-1].between(start_s, stop_s)
+
+
+def extremes_and_mean(values: Array) -> tuple[float, float, float]:
+    """Return lowest, highest and mean value without NaN; NaN if there are only NaN.
+
+    Examples
+    --------
+    >>> extremes_and_mean(np.array([1.0, np.nan, 3.0]))
+    (1.0, 3.0, 2.0)
+    """
+    kept = [value for value in values.tolist() if isfinite(value)]
+    # for a block's few values faster than NumPy
+    return (min(kept), max(kept), sum(kept) / len(kept)) if kept else (nan, nan, nan)
 
 
 def nan_mean(values: Array) -> Array:
