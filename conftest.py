@@ -1,10 +1,12 @@
 """What all tests share: reference data, isolation, and a watch on threads and tasks left behind."""
 
+import atexit
 import gc
 import itertools
 import logging
 import os
 import signal
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
@@ -26,6 +28,12 @@ from tests import postgresql_server
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+
+# Workers share the process that commands come from.
+if "PREPARED_COMMANDS" not in os.environ:
+    _SHARED = tempfile.TemporaryDirectory(prefix="torquebench-")
+    os.environ["PREPARED_COMMANDS"] = _SHARED.name
+    atexit.register(_SHARED.cleanup)
 
 # Programs that tests start use the plugins of this checkout, wherever they are installed from.
 _SOURCES = [str(path) for path in Path(__file__).parent.glob("plugins/*/src")]

@@ -35,7 +35,8 @@ def environment(**changes: str) -> dict[str, str]:
 def prepared() -> PreparedCommands:
     ours = {k: v for k, v in environment().items() if not k.startswith("TORQUEBENCH_")}
     ours["PYTHONPATH"] = os.pathsep.join([str(ROOT), ours["PYTHONPATH"]])  # for code of tests
-    commands = PreparedCommands(ours | {"TORQUEBENCH_PRIORITY": "usual"})  # whoever asks first
+    ours["TORQUEBENCH_PRIORITY"] = "usual"  # whoever asks first
+    commands = PreparedCommands(Path(os.environ["PREPARED_COMMANDS"]), ours)
     atexit.register(commands.close)
     return commands
 

@@ -8,6 +8,7 @@ with `-c`. Run as a script, this file is that process.
 """
 
 import atexit
+import fcntl
 import gc
 import json
 import os
@@ -98,22 +99,38 @@ class RunningCommand:
 
 
 class PreparedCommands:
-    """The process that forks, and how to ask it; it ends with its last asker."""
+    """The process that forks, and how to ask it; it ends with its last asker.
 
-    def __init__(self, environment: dict[str, str]) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="torquebench-")
-        address = str(Path(self._folder.name, "socket"))
-        listening = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        listening.bind(address)
-        listening.listen(16)
-        self._address = address
-        self._process = subprocess.Popen(
-            [sys.executable, __file__, str(listening.fileno())],
-            stdin=subprocess.PIPE,
-            env=environment,
-            pass_fds=[listening.fileno()],
-        )
-        listening.close()
+    All that name one folder share it; who comes first starts it.
+    """
+
+    def __init__(self, folder: Path, environment: dict[str, str]) -> None:
+        self._address, pipe = folder / "socket", folder / "askers"
+        with (folder / "lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not pipe.exists():
+                os.mkfifo(pipe)
+            try:
+                self._asker = os.open(pipe, os.O_WRONLY | os.O_NONBLOCK)
+            except OSError:  # nobody serves
+                askers = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+                self._asker = os.open(pipe, os.O_WRONLY)
+                self._serve(askers, environment)
+
+    def _serve(self, askers: int, environment: dict[str, str]) -> None:
+        self._address.unlink(missing_ok=True)
+        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listening:
+            listening.bind(str(self._address))
+            listening.listen(64)
+            number = listening.fileno()
+            process = subprocess.Popen(
+                [sys.executable, __file__, str(number)],
+                stdin=askers,
+                env=environment,
+                pass_fds=[number],
+            )
+        os.close(askers)
+        process.returncode = 0  # it goes on for others, and nobody waits for it
 
     def run(
         self, command: list[str], cwd: Path, environment: dict[str, str], timeout_s: float
@@ -161,16 +178,15 @@ class PreparedCommands:
         self, command: list[str], cwd: Path, environment: dict[str, str], *streams: IO[bytes] | int
     ) -> socket.socket:
         connection = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        connection.connect(self._address)
+        connection.connect(str(self._address))
         asked = json.dumps({"command": command, "cwd": str(cwd), "environment": environment})
         files = [each if isinstance(each, int) else each.fileno() for each in streams]
         socket.send_fds(connection, [asked.encode()], files)
         return connection
 
     def close(self) -> None:
-        """End the process."""
-        self._process.communicate()
-        self._folder.cleanup()
+        """Ask no more."""
+        os.close(self._asker)
 
 
 def prepare() -> None:

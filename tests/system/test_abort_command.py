@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.draws import nightly
 from tests.system.command_line import at_terminal, patient_bench, run, started, wait_until
 
 from torquebench.records import RunFolder
@@ -17,7 +18,7 @@ def points_of(folder: Path) -> int:
 
 @pytest.mark.parametrize(
     ("sent", "code", "reason"),
-    [(signal.SIGINT, 130, "keyboard"), (signal.SIGTERM, 1, "SIGTERM")],
+    [(signal.SIGINT, 130, "keyboard"), nightly(signal.SIGTERM, 1, "SIGTERM")],
 )
 def test_an_interrupted_calibration(
     sent: signal.Signals, code: int, reason: str, tmp_path: Path
@@ -59,6 +60,7 @@ def test_measuring_ends_cleanly(tmp_path: Path) -> None:
     assert "Traceback" not in messages
 
 
+@pytest.mark.nightly
 def test_ctrl_c_at_a_terminal_ends_a_demo(tmp_path: Path) -> None:
     bench = patient_bench(tmp_path)
     options = ("--quick", "--real-time", "--data", "data", "--out", "x.html", "--bench", bench)

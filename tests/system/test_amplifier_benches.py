@@ -14,7 +14,6 @@ from tests.peers.displays import DisplayPeer, ScalePeer
 from tests.peers.hbm_amplifiers import HbmPeer
 from tests.peers.lines import LinePeer
 from tests.peers.opcua_plc import PlcPeer
-from tests.support.draws import nightly
 from tests.system.command_line import started, wait_until
 from tests.system.panel_api import SLOW
 from tests.system.peer_bench import GAIN, RANGE_NM, PeerBench, amplified, peer_bench, stated, toml
@@ -154,7 +153,8 @@ def test_a_module_is_calibrated_on_its_amplifier(kind: Amplifier, tmp_path: Path
     assert worst["physics . Gaussian process"] < 0.02
 
 
-@pytest.mark.parametrize("kind", [KINDS[0], *map(nightly, KINDS[1:])])
+@pytest.mark.nightly
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_cable_that_is_pulled_under_load_ends_it_unloaded(
     kind: Amplifier, tmp_path: Path
 ) -> None:
@@ -175,6 +175,7 @@ def test_a_cable_that_is_pulled_under_load_ends_it_unloaded(
     assert unloaded_s < 2.0 + 4.0 * 1.0 + STANDS_S
 
 
+@pytest.mark.nightly
 def test_a_killed_process_leaves_the_load_to_the_drive(tmp_path: Path) -> None:
     with calibrating("hbm", tmp_path) as (bench, _, process):
         wait_until(lambda: bench.torque_nm("input") > 20.0, "a load")

@@ -5,6 +5,7 @@ import re
 from html import unescape
 from pathlib import Path
 
+import pytest
 from tests.system.command_line import run, widest_line
 
 
@@ -132,6 +133,7 @@ def test_doctor_names_what_is_wrong(tmp_path: Path) -> None:
     assert "Traceback" not in result.stdout + result.stderr
 
 
+@pytest.mark.nightly
 def test_a_part_of_the_range_is_calibrated_and_nothing_above_it_is_loaded(tmp_path: Path) -> None:
     part = ("calibrate", "output", "--profile", "small-torques", "--up-to", 60)
     shown = run(*part, "--dry-run", cwd=tmp_path)

@@ -10,14 +10,8 @@ from torquebench.campaign.demo import DemoSettings, run_demo
 from torquebench.station import Station
 
 
-@pytest.mark.parametrize(
-    ("seed", "groups"),
-    [
-        (2, 2),
-        pytest.param(1, 10, marks=pytest.mark.nightly),
-        pytest.param(3, 2, marks=pytest.mark.nightly),
-    ],
-)
+@pytest.mark.nightly
+@pytest.mark.parametrize(("seed", "groups"), [(2, 2), (1, 10), (3, 2)])
 def test_both_modules_keep_the_promise(seed: int, groups: int, tmp_path: Path) -> None:
     description = default_bench()
     driver = {**description.driver, "seed": seed}

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import pytest
 from tests.system.command_line import run, widest_line
 
 from torquebench.calibration import load_profile
@@ -40,6 +41,7 @@ def test_a_quick_demo(tmp_path: Path) -> None:
     assert "against the true torque" in model.stdout
 
 
+@pytest.mark.nightly
 def test_the_same_seed_gives_the_same_readings(tmp_path: Path) -> None:
     profile = load_profile("rapid-in-situ").with_options(step_percent=50.0)
     groups = load_profile("verification").with_options(groups=2, points=4)

@@ -181,6 +181,7 @@ def test_errors_that_were_there_before_are_not_the_commands(tmp_path: Path) -> N
                 link.close()
 
 
+@pytest.mark.nightly
 def test_an_instrument_that_falls_silent_prints_no_traceback(tmp_path: Path) -> None:
     with simulating(tmp_path, patient=False) as (bench, control):
         command = ("calibrate", "output", "--bench", bench, "--data", "data", "--yes")

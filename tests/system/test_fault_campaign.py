@@ -120,6 +120,7 @@ def test_an_instrument_that_does_not_answer_leaves_nothing_wrong(tmp_path: Path)
     assert outcome.wall_s <= AT_REST_S
 
 
+@pytest.mark.nightly
 def test_an_instrument_that_fails_once_is_no_reason_to_stop(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.support.draws import nightly
 from tests.system.command_line import started, wait_until
 from tests.system.networked import simulating
 from tests.system.panel_api import SLOW, administrator, serving
@@ -65,7 +64,8 @@ def stated_nm(description: BenchDescription) -> float:
     return float(re.findall(r"adds at most ([\d.]+) N·m", found)[0])
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, nightly(signal.SIGSTOP)])
+@pytest.mark.nightly
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_ramp_goes_no_further_than_stated(tmp_path: Path, how: signal.Signals) -> None:
     with (
         simulating(tmp_path, "--real-time") as (bench, control),

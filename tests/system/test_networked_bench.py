@@ -255,6 +255,7 @@ def test_doctor_names_each_instrument_that_fails_and_hides_no_other(tmp_path: Pa
         assert found[name].state == "ok"
 
 
+@pytest.mark.nightly
 def test_doctor_notices_a_drive_without_a_watchdog(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -54,6 +54,7 @@ def test_its_command_rehearses_runs_and_records(tmp_path: Path) -> None:
     assert widest_line(printed) <= 80
 
 
+@pytest.mark.nightly
 def test_the_api_has_it_with_preview_and_job(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

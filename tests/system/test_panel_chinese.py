@@ -69,6 +69,7 @@ def commands(person: Visitor) -> bool:
     return False
 
 
+@pytest.mark.nightly
 def test_an_interrupted_calibration_is_gone_on_with_by_whoever_is_at_the_bench(
     ana: Visitor,
 ) -> None:

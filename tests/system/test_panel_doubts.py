@@ -76,6 +76,7 @@ def ana(doubtful: tuple[Path, int]) -> Iterator[Visitor]:
         yield visitor
 
 
+@pytest.mark.nightly
 def test_they_are_named_on_the_page_and_a_person_decides_for_the_model(
     ana: Visitor, doubtful: tuple[Path, int]
 ) -> None:

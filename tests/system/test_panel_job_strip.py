@@ -74,6 +74,7 @@ def test_a_job_is_seen_and_ended_from_another_page(person: Visitor) -> None:
     assert person.problems() == []
 
 
+@pytest.mark.nightly
 def test_a_page_that_was_left_takes_no_message_from_the_next(person: Visitor) -> None:
     """The page of calibrations shows the result itself, and lives on for seconds after it is left.
 

@@ -20,6 +20,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "papers-item-by-item
 THEIRS = re.compile(r"Papers: (.*?)\. Here: ", re.DOTALL)
 
 
+@pytest.mark.nightly
 def test_a_quick_page_of_the_simulated_bench(tmp_path: Path) -> None:
     result = run("papers", "--quick", "--no-study", "--out", "a.pdf", cwd=tmp_path)
     assert result.returncode == 0, result.stderr

@@ -32,6 +32,7 @@ def test_pause_and_abort(tmp_path: Path) -> None:
     assert "In use" not in shown
 
 
+@pytest.mark.nightly
 def test_a_second_interrupt_aborts(tmp_path: Path) -> None:
     dialogue = [("2/13", CTRL_C), ("[r]esume or [a]bort?", CTRL_C)]
     options = (*OPTIONS, "--bench", patient_bench(tmp_path))

@@ -16,6 +16,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.nightly
 def test_keys_keep_the_run_going_and_are_not_echoed(folder: Path) -> None:
     dialogue = [("Press a key to begin.", "x")] + [("Are you there?", "y")] * 99
     code, shown = at_terminal(*OPTIONS, "--real-time", cwd=folder, dialogue=dialogue)

@@ -72,6 +72,7 @@ def test_more_repeats_are_rehearsed_and_refused_for_a_first_look(tmp_path: Path)
     assert "5 in a short test" in look.stderr
 
 
+@pytest.mark.nightly
 def test_specimens_and_changes_are_compared(tmp_path: Path) -> None:
     options = ("--short", "--reducer", "rv-40e", "--data", "data")
     for serial in ("A1", "A2", "A1"):

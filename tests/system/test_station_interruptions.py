@@ -15,7 +15,6 @@ import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
 import pytest
 from bluesky.utils import Msg
-from tests.support.draws import nightly
 from tests.watching import Watching
 
 from torquebench.bench.description import default_bench
@@ -324,11 +323,12 @@ with Station.open(None, sys.argv[1]) as station:
 """
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("action", "expected"),
     [
         ("abort", ["end abort interrupted from the keyboard 0.0 False"]),
-        nightly("pause", ["paused 0.0", "end abort ended during a pause 0.0 False"]),
+        ("pause", ["paused 0.0", "end abort ended during a pause 0.0 False"]),
     ],
 )
 def test_ctrl_c_ends_or_pauses_with_the_bench_at_rest(

@@ -29,6 +29,7 @@ def bench() -> BenchDescription:
     return described.model_copy(update={"driver": driver, "bench": settings})
 
 
+@pytest.mark.nightly
 def test_short_loops_are_marked_and_less_certain_than_full_ones(tmp_path: Path) -> None:
     short = replace(ReducerTestSettings.short(), twist_arcmin_per_nm=KNOWN_TWIST)
     loops = HysteresisSettings(loops=1, positions_deg=even_positions(3), loop_s=20.0)

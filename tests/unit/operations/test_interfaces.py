@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.support.draws import nightly
 from tests.unit.chain.test_lubrication import CHAIN as CHAIN_EFFECTS
 from tests.unit.chain.test_lubrication import lubricated
 from tests.unit.dynamics.simulated_chain import SimulatedChain, sines, steps
@@ -128,6 +129,8 @@ POSSIBLE: dict[str, dict[str, Any]] = {
 }
 """Requests that are done."""
 OF_INTERRUPTED_RUNS = {"resume", "records finish", "records discard"}
+AT_NIGHT = {"standard-reducer", "records compare-models"}
+"""Those that take ten seconds."""
 LONG = {"turn", "in-place", "papers-tables", "mechanics supports"}
 """They take long; `tests/system` runs them."""
 REFUSED: dict[str, dict[str, Any]] = {
@@ -261,7 +264,7 @@ def _placed(name: str, value: Any, interfaces: Interfaces, folder: Path) -> Any:
 
 
 class TestOperations(OperationContract):
-    @pytest.fixture(params=POSSIBLE)
+    @pytest.fixture(params=[nightly(name) if name in AT_NIGHT else name for name in POSSIBLE])
     def possible_request(
         self, request: pytest.FixtureRequest, interfaces: Interfaces, tmp_path: Path
     ) -> Iterator[tuple[str, dict[str, Any]]]:

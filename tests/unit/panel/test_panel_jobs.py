@@ -303,6 +303,7 @@ def test_a_reducer_is_tested_and_judged(service: BenchService) -> None:
     assert service.records.run(view.result.run_ids[0]).run.status == "completed"
 
 
+@pytest.mark.nightly
 def test_a_simulated_bench_mounts_the_type_that_is_tested(service: BenchService) -> None:
     """A small reducer turns at 40 mN·m; the large one that the bench came with doesn't."""
     document = dict(service.settings.get("reducers", "harmonic-20").document)
