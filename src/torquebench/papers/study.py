@@ -44,7 +44,6 @@ MOST_EPOCHS = 100_000
 """Number of epochs after which a training stops even if it hasn't reached its target error."""
 REPEATABILITY = 1e-4
 """Standard deviation of a steady reading, as a share of the range: 0.2 N·m."""
-SERIES: tuple[Series, ...] = ("50 rising", "50 up and down", "100 rising", "200 up and down")
 GROUPS, POINTS = 10, 50
 _DENSE = np.linspace(-1.0, 1.0, 801)
 

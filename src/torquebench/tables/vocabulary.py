@@ -117,7 +117,6 @@ _PHRASES: Mapping[str, str] = {
     "reading of the standard": "standard",
     "standard reading": "standard",
 }
-BRANCH = "branch"
 _CONTENT: Mapping[str, tuple[frozenset[str], frozenset[str], frozenset[str]]] = {
     quantity: (frozenset(must.split()), frozenset(may.split()), frozenset(loose.split()))
     for quantity, must, may, loose in (
