@@ -31,7 +31,8 @@ class _Ramp:
     """Expected state of a drive, without delay and with the largest allowed delay.
 
     It is an interval: a drive may start the ramp of a newly controlled quantity at zero or at its
-    present value. `time_s` is the time from which it controls the quantity, with this reading.
+    present value, and goes on with its former ramp until it has received a command. `time_s` is the
+    time from which it controls the quantity, with this reading.
     """
 
     def __init__(self, quantity: Quantity, time_s: float, reading: float) -> None:
@@ -40,6 +41,8 @@ class _Ramp:
         self._rate = math.inf
         self._time_s = time_s
         self._ends = min(reading, 0.0), max(reading, 0.0)
+        self._former: tuple[float, float, tuple[float, float]] | None = None
+        """Target, rate and ends of the former ramp, while the drive may not know the new one."""
         self._before = deque([(time_s, *self._ends)])
         self.deviating_s = 0.0
 
@@ -48,29 +51,53 @@ class _Ramp:
         resumed = replace(point, told_s=math.inf)  # a repeated command doesn't restart the ramp
         if resumed != self._point:
             self._time_s = max(self._time_s, point.asked_s)
-            distance = max(abs(point.value - end) for end in self._ends)
-            slowest = distance / point.within_s if point.within_s > 0.0 else math.inf
-            self._rate = min(point.rate, slowest)
+            ends = self._ends if self._former is None else _widest(self._ends, self._former[2])
+            known = point.told_s <= self._time_s
+            self._former = None if known else (self._point.value, self._rate, ends)
+            self._set_rate(point)
             self._point = resumed
-        low, high = (self._towards(point.value, end, stop_s) for end in self._ends)
-        self._ends = low, high
+        widest = self._ends = self._after(point.value, self._rate, self._ends, stop_s)
+        if self._former is not None:
+            target, rate, ends = self._former
+            ends = self._after(target, rate, ends, min(stop_s, max(point.told_s, self._time_s)))
+            widest = _widest(widest, ends)
+            self._former = target, rate, ends
+            if point.told_s <= stop_s:
+                self._former, self._ends = None, widest
+                self._set_rate(point)
         self._time_s = stop_s
-        self._before.append((stop_s, low, high))
-        late_s += (
-            point.told_s - point.asked_s
-        )  # infinite while the drive hasn't received the command
+        self._before.append((stop_s, *widest))
         while self._before[0][0] < stop_s - late_s:
             self._before.popleft()
 
-    def _towards(self, target: float, present: float, stop_s: float) -> float:
-        """Return a value after ramping from the present one until a time."""
-        distance = target - present
-        way = self._rate * (stop_s - self._time_s) if distance else 0.0
-        return target if abs(distance) <= way else present + math.copysign(way, distance)
+    def _set_rate(self, point: SetPoint) -> None:
+        """Take the rate of the ramp from the present ends to a set point."""
+        distance = max(abs(point.value - end) for end in self._ends)
+        slowest = distance / point.within_s if point.within_s > 0.0 else math.inf
+        self._rate = min(point.rate, slowest)
+
+    def _after(
+        self, target: float, rate: float, ends: tuple[float, float], stop_s: float
+    ) -> tuple[float, float]:
+        """Return both ends after ramping from the present ones until a time."""
+        low, high = (_towards(target, end, rate, stop_s - self._time_s) for end in ends)
+        return low, high
 
     def band(self) -> tuple[float, float]:
         """Return the allowed range of the drive's value."""
         return min(low for _, low, _ in self._before), max(high for _, _, high in self._before)
+
+
+def _towards(target: float, present: float, rate: float, lasts_s: float) -> float:
+    """Return a value after ramping from the present one for some time."""
+    distance = target - present
+    way = rate * lasts_s if distance else 0.0
+    return target if abs(distance) <= way else present + math.copysign(way, distance)
+
+
+def _widest(first: tuple[float, float], second: tuple[float, float]) -> tuple[float, float]:
+    """Return the range that holds both."""
+    return min(first[0], second[0]), max(first[1], second[1])
 
 
 class FollowingJudge:

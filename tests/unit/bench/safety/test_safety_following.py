@@ -129,6 +129,25 @@ def test_nothing_is_held_against_a_drive_while_it_is_being_told() -> None:
     assert "0.0 N·m instead of" in [read.block(0.0) for _ in range(10)][-1]
 
 
+@pytest.mark.parametrize("goes_on", [True, False])
+def test_a_drive_that_is_told_late_goes_on_with_its_ramp_until_then(goes_on: bool) -> None:
+    """A busy computer told an abort half a second late: a wrong "command not followed"."""
+    read, rate = Read(standard=True), 2000.0
+    output = read.commands.output
+    output.on()
+    output.ask("torque", 2000.0, rate, 0.0)
+    output.told("torque", output.set_points["torque"], 0.0)
+    rising = np.arange(1, 21) * rate * BLOCK_S
+    assert {read.block(torque) for torque in rising[:8]} == {""}
+    asked = output.ask_zero(read.now_s, 0.4)
+    assert {read.block(torque) for torque in rising[8:18]} == {""}  # it knows nothing of that
+    output.told_zero(asked, read.now_s)
+    falling = rising[17] * (np.ones(20) if goes_on else np.linspace(1.0, 0.0, 9)[1:])
+    found = [read.block(torque) for torque in falling]
+    assert ("instead of 0.0 N·m" in found[-1]) is goes_on
+    assert goes_on or set(found) == {""}
+
+
 @pytest.mark.parametrize("standard", [True, False])
 def test_a_side_that_is_free_to_turn_may_take_up_less(standard: bool) -> None:
     read = Read(standard=standard)
