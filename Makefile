@@ -32,7 +32,7 @@ test: programs
 # The daily loop: what needs no browser, no server and no other program.
 check: $(VENV)/.installed-test
 	$(MAKE) --jobs 2 lint types contracts
-	$(BIN)/pytest -n $(WORKERS) --dist worksteal tests/unit
+	$(BIN)/pytest -n $(WORKERS) --dist worksteal tests/unit -k "not postgresql"
 
 # Campaigns, soak tests and demonstrations, and the numbers as on another processor.
 nightly: programs

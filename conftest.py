@@ -59,11 +59,12 @@ settings.load_profile("torquebench")
 
 _LONG = (
     "test_http_api_schema.py",
-    "test_demo_acceptance.py",
-    "test_papers_command.py",
+    "test_interfaces.py",
+    "test_panel_bench.py",
     "test_panel_calibration.py",
     "test_panel_actions.py",
     "test_documentation_bench.py",
+    "test_reducer_test_command.py",
     "test_reevaluation_postgresql.py",
 )
 """With a test of twenty seconds or more: begun last, it would leave the other processor idle."""

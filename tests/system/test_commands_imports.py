@@ -6,9 +6,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.support.draws import nightly
 from tests.system.command_line import run
 
 from torquebench.operations import OPERATIONS
+from torquebench.records import Registry
 
 HEAVY = [
     *("asammdf", "bluesky", "fastapi", "h5py", "matplotlib", "nicegui", "nptdms", "numba", "onnx"),
@@ -104,9 +106,8 @@ def test_a_refusal_imports_nothing_heavy(tmp_path: Path) -> None:
     (tmp_path / "table.csv").write_text("a,b\n1,2\n")
     calibration = Path(__file__).parents[2] / "examples" / "calibration-output.csv"
     (tmp_path / "calibration.csv").write_bytes(calibration.read_bytes())
-    made = "from pathlib import Path; from torquebench.records import Registry; "
-    made += "Path('records').mkdir(); Registry.open(Path('records')).close()"
-    subprocess.run([sys.executable, "-c", made], cwd=tmp_path, check=True)
+    (tmp_path / "records").mkdir()
+    Registry.open(tmp_path / "records").close()
     for command, code, heavy, said in answers(tmp_path, HEAVY, *REFUSED):
         assert (code, heavy) == (2, []), (command, said)
 
@@ -127,9 +128,7 @@ def test_only_a_report_of_a_fit_draws(tmp_path: Path) -> None:
 
 
 def test_lists_of_records_import_nothing_heavy(tmp_path: Path) -> None:
-    made = "from pathlib import Path; from torquebench.records import Registry; "
-    made += "Registry.open(Path()).close()"
-    subprocess.run([sys.executable, "-c", made], cwd=tmp_path, check=True)
+    Registry.open(tmp_path).close()
     lists = [f"records list {kind} --data ." for kind in ("runs", "all", "models", "equipment")]
     others = [name for name in HEAVY if name != "pyarrow"]  # run folders are looked into
     for command, code, heavy, said in answers(tmp_path, others, *lists):
@@ -186,11 +185,11 @@ def test_what_takes_seconds_says_first_what_it_does(
 @pytest.mark.parametrize(
     ("command", "not_needed"),
     [
-        (
+        nightly(
             "apply model.json plain.csv --out torque.parquet",
             ["matplotlib", "pandas", "scipy.optimize", "scipy.signal", "sklearn"],
         ),
-        (
+        nightly(
             "fit calibration.csv --model polynomial --out other.json",
             ["pandas", "pyarrow", "scipy.interpolate", "sklearn"],
         ),

@@ -16,6 +16,7 @@ READERS = {
 SCRIPTS = sorted(EXAMPLES.glob("[!_]*.py"))
 
 
+@pytest.mark.nightly  # the gallery of the documentation compares models by day
 @pytest.mark.parametrize("script", SCRIPTS, ids=[script.stem for script in SCRIPTS])
 def test_an_example_runs_and_is_short(script, capsys):
     text = script.read_text(encoding="utf-8")

@@ -22,8 +22,8 @@ from torquebench.testing.operations import Interfaces, OperationContract
 CHIEF = Actor("Chief", "administrator", "chief")
 ANA = Actor("ana", "metrologist", "client-1", "client")
 QUICK = {"side": "input", "step_percent": 50.0, "models": ["polynomial-2"]}
-EXAMPLES = Path(__file__).parents[3] / "examples"
-FIELD = Path(__file__).parents[1] / "reducers" / "field"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+FIELD = Path(__file__).parents[1] / "unit" / "reducers" / "field"
 READINGS = str(EXAMPLES / "readings-output.csv")
 STATIC = {
     "table": str(EXAMPLES / "calibration-output.csv"),

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.support.draws import nightly
 from tests.system.panel_browser import PEOPLE, SLOW, Visitor, browser, running_panel
 
 from torquebench.records import Registry, RunFolder
@@ -15,13 +16,12 @@ from torquebench.records import Registry, RunFolder
 pytestmark = SLOW
 
 
-@pytest.fixture(scope="module")
-def visitors(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Visitor, Visitor]]:
-    folder: Path = tmp_path_factory.mktemp("panel")
+@pytest.fixture
+def visitors(tmp_path: Path) -> Iterator[tuple[Visitor, Visitor]]:
     with (
-        running_panel(folder, "--fast") as panel,
-        browser(panel, folder / "ben") as ben,
-        browser(panel, folder / "ana") as ana,
+        running_panel(tmp_path, "--fast") as panel,
+        browser(panel, tmp_path / "ben") as ben,
+        browser(panel, tmp_path / "ana") as ana,
     ):
         yield ben, ana
         assert "Traceback" not in panel.said, panel.said
@@ -49,10 +49,28 @@ def charts(visitor: Visitor) -> list[dict[str, Any]]:
     return list(visitor.driver.execute_script(CHARTS))
 
 
+@pytest.mark.parametrize("whole", [False, nightly(True)])
 def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
-    visitors: tuple[Visitor, Visitor],
+    visitors: tuple[Visitor, Visitor], whole: bool
 ) -> None:
     ben, ana = visitors
+    ben.sign_in("Ben", "/calibrate")
+    if whole:
+        add_a_profile(ana)
+        ben.choose("Profile", "small-torques")
+        ben.fill("Maximum torque", "60")
+        ben.sees("60 of 2400 N·m")
+        ben.open("/calibrate")
+    ben.choose("Profile", "own-rapid" if whole else "rapid-in-situ")
+    measure_and_verify(ben, ana)
+    sign_and_certify(ben, ana)
+    if whole:
+        look_at_the_records(ben, ana)
+    ana.open("/alarms")  # a live page paints all the time, and the next test has use for the time
+    assert ana.problems() == ben.problems() == []
+
+
+def add_a_profile(ana: Visitor) -> None:
     ana.sign_in("Ana", "/calibrate")
     ana.press("Upload or edit own profiles")
     ana.sees("Add one from a TOML file")
@@ -65,12 +83,8 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ana.press("Apply these changes")
     ana.sees("Changed and logged.")
 
-    ben.sign_in("Ben", "/calibrate")
-    ben.choose("Profile", "small-torques")
-    ben.fill("Maximum torque", "60")
-    ben.sees("60 of 2400 N·m")
-    ben.open("/calibrate")
-    ben.choose("Profile", "own-rapid")
+
+def measure_and_verify(ben: Visitor, ana: Visitor) -> None:
     ben.fill("Step size", "20")
     ben.sees("2000 of 2400 N·m")
     ben.press("Start calibration")
@@ -105,6 +119,8 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ben.driver.back()
     ben.sees("Verify again")
 
+
+def sign_and_certify(ben: Visitor, ana: Visitor) -> None:
     ana.driver.delete_all_cookies()
     ana.sign_in("Ana", "/calibrations/1")  # the address outlives signing in
     ana.sees("Model to be used")
@@ -142,6 +158,8 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ana.sees("is issued")
     assert ana.button("Download").text.endswith((".pdf", ".xml", ".json"))
 
+
+def look_at_the_records(ben: Visitor, ana: Visitor) -> None:
     ana.open("/calibrations/1?step=models")
     ana.press("Fit another model")
     ana.choose("Model", "published-network")
@@ -188,8 +206,6 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ana.press("Drift")
     ana.wait(lambda: {each["kind"] for each in charts(ana)} == {"time"}, "drift over time")
     ana.size(1440, 900)
-    ana.open("/alarms")  # a live page paints all the time, and the next test has use for the time
-    assert ana.problems() == ben.problems() == []
 
 
 def switch_a_correction(ben: Visitor, ana: Visitor) -> None:
