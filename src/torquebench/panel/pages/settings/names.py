@@ -2,20 +2,10 @@
 
 from __future__ import annotations
 
-import tomllib
-from functools import cache
-from importlib import resources
-
-from torquebench.panel.text import Text, Texts
+from torquebench.panel.pages.settings.labels import CHOICES, GROUPS, LABELS
+from torquebench.panel.text import Text
 
 __all__ = ["choice_title", "group_title", "setting_title"]
-
-
-@cache
-def labels() -> dict[str, Texts]:
-    """Return the English labels of settings, their groups and choices, by the keys of the files."""
-    file = resources.files("torquebench.panel.pages.settings") / "labels.toml"
-    return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
 def setting_title(text: Text, key: str) -> str:
@@ -30,8 +20,7 @@ def setting_title(text: Text, key: str) -> str:
     """
     group, _, last = key.rpartition(".")
     parent = group.rpartition(".")[2]
-    known = labels()["setting"]
-    return text(known.get(f"{parent}_{last}") or known.get(last, last))
+    return text(LABELS.get(f"{parent}_{last}") or LABELS.get(last, last))
 
 
 def group_title(text: Text, group: str) -> str:
@@ -44,10 +33,9 @@ def group_title(text: Text, group: str) -> str:
     """
     if not group:
         return text("General")
-    known = labels()["setting_group"]
-    return ": ".join(text.title(known.get(part, part)) for part in group.split("."))
+    return ": ".join(text.title(GROUPS.get(part, part)) for part in group.split("."))
 
 
 def choice_title(text: Text, choice: str) -> str:
     """Return what a choice means; one without a label is a name."""
-    return text(labels()["setting_choice"].get(choice, choice))
+    return text(CHOICES.get(choice, choice))
