@@ -98,8 +98,8 @@ def photographed(visitor: Visitor, light: Path, text: str = "") -> Iterator[Path
         visitor.connected()
         if text:
             visitor.sees(text, 60.0)
-        visitor.driver.execute_script("window.scrollTo(0, 0)")
-        time.sleep(1.5)  # charts are painted
+        time.sleep(1.5)  # charts are painted, and a result has been scrolled to
+        visitor.driver.execute_script("window.scrollTo({top: 0, behavior: 'instant'})")
         picture = Image.open(BytesIO(visitor.driver.get_screenshot_as_png())).convert("RGB")
         picture.quantize(256).save(path, optimize=True)  # a third of the size
         yield path

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from selenium.webdriver.support.select import Select
 from tests.support.draws import nightly
 from tests.system.panel_browser import PEOPLE, SLOW, Visitor, browser, running_panel
 
@@ -195,6 +196,13 @@ def look_at_the_records(ben: Visitor, ana: Visitor) -> None:
     ana.press("Compare")
     compared = ["No. 1, Raw", "No. 1, Compensated"]
     ana.wait(lambda: [each["names"] for each in charts(ana)] == [compared], "errors compared")
+    runs = Select(ana.field("Overlay the points of a run"))
+    verification = str(runs.options[1].get_attribute("value"))  # the newest of them
+    ana.choose("Overlay the points of a run", verification)
+    overlaid = [*compared, verification]
+    ana.wait(lambda: [each["names"] for each in charts(ana)] == [overlaid], "a run's points, too")
+    ana.open(f"/records?part=calibrations&with=1,{verification}")
+    ana.wait(lambda: [each["names"] for each in charts(ana)] == [overlaid], "both at an address")
     wide = (
         "return [...document.querySelectorAll('.scroll')]"
         ".filter((each) => each.scrollWidth > each.clientWidth + 1).length"

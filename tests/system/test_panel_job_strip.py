@@ -11,6 +11,10 @@ from tests.system.panel_browser import PEOPLE, SLOW, Panel, Visitor, browser, ru
 
 pytestmark = SLOW
 STRIP = ".job-strip"
+UNCOVERED = """
+const foot = (selector) => document.querySelector(selector).getBoundingClientRect();
+return foot('.trend').bottom <= foot('.job-strip').top;
+"""
 
 JOB = "Calibrate the output module"
 
@@ -58,9 +62,12 @@ def begin(person: Visitor) -> None:
 
 def test_a_job_is_seen_and_ended_from_another_page(person: Visitor) -> None:
     begin(person)
+    person.size(1440, 900)
     for path in ("/", "/records", "/settings", "/alarms"):
         person.open(path)
         person.wait(lambda: f"{JOB}: under way" in strip(person), "the job on the page")
+        if path == "/":
+            person.wait(lambda: person.driver.execute_script(UNCOVERED), "three whole plots")
     assert person.axe() == []
     abort(person)
     person.sees(f"{JOB}: aborted")

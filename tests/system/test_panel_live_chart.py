@@ -17,6 +17,11 @@ from tests.system.panel_browser import SLOW, Visitor, browser, running_panel
 pytestmark = SLOW
 CHART = "const chart = getElement(Number(document.querySelector('.trend-box').id.slice(1))).chart;"
 
+OF_RUN = "const chart = getElement(Number(document.querySelector('.chart').id.slice(1)))?.chart;"
+LAST_TIME = f"{OF_RUN} return chart.getOption().series[0].data.at(-1)[0];"
+DRAWS_SPANS = f"{OF_RUN} return chart?.drawsSpans === true;"
+ENDS = ("Span from", "Span to")
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -392,4 +397,48 @@ def test_runs_are_laid_over_each_other_at_an_address(person: Visitor) -> None:
     assert person.axe() == []
     person.press("Remove the other runs")
     person.wait(lambda: len(drawn(person)) == 1, "one run")
+    assert person.problems() == []
+
+
+def test_a_span_of_a_run_is_drawn_typed_and_kept_in_its_address(person: Visitor) -> None:
+    def ends() -> list[float]:
+        return [float(str(person.field(end).get_attribute("value"))) for end in ENDS]
+
+    def drawn_until_s() -> float:
+        return float(person.driver.execute_script(LAST_TIME))
+
+    person.open("/")
+    person.press("Record", within="//div[@role='toolbar']")
+    person.fill("Name", "a span")
+    person.fill("Length", "2")
+    confirm_recording(person)
+    person.sees("Recording a span: done")
+    person.open("/records")
+    person.press("Open")
+    person.sees("a span")
+    person.wait(lambda: drawn(person), "the chart")
+    assert drawn_until_s() > 1.5
+    person.fill("Span from", "0.25")
+    person.fill("Span to", "0.75")
+    person.press("Show span")
+    person.wait(lambda: "from=0.25&to=0.75" in person.driver.current_url, "the address")
+    person.wait(lambda: drawn_until_s() < 0.8, "the span in the chart")
+    address = person.driver.current_url.removeprefix(person.panel.url)
+    person.open("/records")
+    person.open(address)
+    person.wait(lambda: drawn(person), "the chart at its address")
+    assert drawn_until_s() < 0.8
+    assert ends() == [0.25, 0.75]
+    figure = person.driver.find_element(By.CSS_SELECTOR, ".chart canvas")
+    person.wait(lambda: person.driver.execute_script(DRAWS_SPANS), "a chart to draw in")
+    person.driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", figure)
+    mouse = ActionChains(person.driver).move_to_element(figure).click_and_hold()
+    mouse.move_by_offset(60, 0).release().perform()
+    person.wait(lambda: ends() != [0.25, 0.75], "a shorter span")
+    start, stop = ends()
+    assert 0.25 < start < stop < 0.75
+    assert person.axe() == []
+    person.press("Whole run")
+    person.wait(lambda: "from=" not in person.driver.current_url, "the address of the whole run")
+    person.wait(lambda: drawn_until_s() > 1.5, "the whole run")
     assert person.problems() == []

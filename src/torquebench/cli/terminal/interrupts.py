@@ -14,6 +14,7 @@ import typer
 
 from torquebench.cli.failure import CHECK_FAILED, INTERRUPTED
 from torquebench.cli.terminal.console import note, warn
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.campaign.measuring import RunAbortedError
@@ -115,7 +116,7 @@ class BenchInterrupts:
 
     def _on_termination(self, number: int, _frame: FrameType | None) -> None:
         self.signal = signal.Signals(number)
-        self.abort_reason = f"{self.signal.name} from the system"
+        self.abort_reason = Message("{signal} from the system", self.signal.name)
         # In another thread: the main thread may hold the run engine's locks.
         threading.Thread(
             target=self._station.abort,

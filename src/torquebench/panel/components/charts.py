@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -179,6 +179,8 @@ class Chart:
         Logarithmic axes: "", "x", "y" or "xy"; their values are above 0.
     moments : bool
         Whether the horizontal axis is time, s since 1970.
+    on_span : callable, optional
+        Called with the ends of a span that was drawn with the mouse.
     """
 
     def __init__(
@@ -192,6 +194,7 @@ class Chart:
         tall: bool = False,
         logarithmic: str = "",
         moments: bool = False,
+        on_span: Callable[[float, float], Any] | None = None,
     ) -> None:
         self._per_x = 1000.0 if moments else 1.0  # a time axis counts in ms
         kinds = {axis: "log" if axis in logarithmic else "value" for axis in "xy"}
@@ -219,9 +222,31 @@ class Chart:
             self.element = ui.echart(options).classes("chart tall" if tall else "chart")
             self.element.props["role"] = "img"
             self.element.props["aria-label"] = label
+            if on_span is not None:
+                self._let_draw_spans(on_span)
             with box("div", "figure-tools"):
                 self._tool("image", "picture", label)
                 self._tool("table_view", "table", label)
+
+    def _let_draw_spans(self, on_span: Callable[[float, float], Any]) -> None:
+        """Call the function after a span was drawn; its tool needs a place, and gets no size."""
+        zoom = {
+            "yAxisIndex": "none",
+            "filterMode": "none",
+            "icon": {"zoom": "none", "back": "none"},
+        }
+        self.element.options["toolbox"] = {"itemSize": 0, "feature": {"dataZoom": zoom}}
+        self.element.on(
+            "chart:finished", js_handler=f"() => window.drawSpans({self.element.html_id!r})"
+        )
+        self.element.on(
+            "chart:datazoom",
+            lambda event: on_span(float(event.args[0]), float(event.args[1])),
+            js_handler="""(event) => {
+                const {startValue: from, endValue: to} = event.batch?.[0] ?? {};
+                if (from < to) emit([from, to]);
+            }""",
+        )
 
     def _tool(self, picture: str, kind: str, label: str) -> None:
         """Add a button with which the browser saves the chart; `panel.js` sets the file's name."""

@@ -44,6 +44,14 @@
     }
   }, 500);
 
+  // A span of a chart is drawn with the mouse, once the chart is there.
+  window.drawSpans = (id) => {
+    const chart = window.getElement?.(Number(id.slice(1)))?.chart;
+    if (!chart || chart.drawsSpans) return;
+    chart.drawsSpans = true;
+    chart.dispatchAction({ type: "takeGlobalCursor", key: "dataZoomSelect", dataZoomSelectActive: true });
+  };
+
   // Every chart can be taken away: as a picture, and as a table of what it shows.
   function save(name, url) {
     const link = document.createElement("a");

@@ -27,7 +27,7 @@ from torquebench.panel.pages.calibrate.start import calibration_address
 from torquebench.panel.pages.downloads import certificate_buttons
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.page import page
-from torquebench.panel.pages.records.run import doubt_notes, run_title
+from torquebench.panel.pages.records.run import compared_address, doubt_notes, run_title
 from torquebench.panel.pages.records.samples import run_address
 from torquebench.panel.pages.view import View, part, tabs
 from torquebench.panel.pages.visitor import Visitor, profile_titles
@@ -38,6 +38,9 @@ from torquebench.units import minus_signs
 __all__ = ["drift_lines", "records_page"]
 
 ROWS = 25
+OFFERED = 100
+POINTS = ("calibrate", "verify", "check", "turning")
+"""Beginnings of the kinds of runs with points against a standard."""
 ACTS: Texts = {
     "checked": "Checked by {who}: {how}.",
     "used": "Put into use by {who}: {how}.",
@@ -150,15 +153,28 @@ class _Calibrations(View):
     """The view of calibrations with their models, and a chart of several calibrations' errors."""
 
     def build(self) -> None:
-        named = self._visitor.query.get("with", "").split(",")
-        self._chosen = [int(number) for number in named if number.isdecimal()][: len(COLOURS) - 1]
-        if self._visitor.has_role("metrologist"):
-            with box("div", "line end"):
-                link_button(self._text("Enter external calibration"), "/operations/records-import")
+        text, named = self._text, self._visitor.query.get("with", "").split(",")
+        self._chosen = [name for name in named if name][: len(COLOURS) - 1]
+        with box("div", "spread"):
+            Field(
+                text("Overlay the points of a run"), "", options=self._offered(),
+                on_change=self._add,
+            )  # fmt: skip
+            if self._visitor.has_role("metrologist"):
+                link_button(text("Enter external calibration"), "/operations/records-import")
         self._compared = box("div")
         self._list = box("div")
         self._show()
         self._compare()
+
+    def _offered(self) -> dict[str, str]:
+        runs = self._visitor.service.records.runs(limit=OFFERED).runs
+        measured = (run for run in runs if run.finished is not None and run.kind.startswith(POINTS))
+        return {"": self._text("Choose a run")} | {run.run_id: run.run_id for run in measured}
+
+    def _add(self, run_id: str) -> None:
+        if run_id and run_id not in self._chosen:
+            self._toggle(run_id)
 
     def _show(self) -> None:
         text = self._text
@@ -209,49 +225,37 @@ class _Calibrations(View):
                     numbers=("No.", "Points"),
                 ),
                 rows,
-                on_row=lambda place: self._toggle(calibrations[place].calibration_id),
+                on_row=lambda place: self._toggle(str(calibrations[place].calibration_id)),
                 open_label=text("Compare"),
                 selected=[
                     place
                     for place, entry in enumerate(calibrations)
-                    if entry.calibration_id in self._chosen
+                    if str(entry.calibration_id) in self._chosen
                 ],
             )
 
-    def _toggle(self, number: int) -> None:
-        others = [chosen for chosen in self._chosen if chosen != number]
-        self._chosen = others if number in self._chosen else [*others[-4:], number]
+    def _toggle(self, name: str) -> None:
+        """Show a calibration or a run in the chart, or take it out."""
+        others = [chosen for chosen in self._chosen if chosen != name]
+        self._chosen = others if name in self._chosen else [*others[-4:], name]
         self._show()
         self._compare()
-        named = ",".join(map(str, self._chosen))
-        ui.navigate.history.replace(f"/records?part=calibrations{'&with=' if named else ''}{named}")
+        ui.navigate.history.replace(compared_address(self._chosen))
         if self._chosen:
             with self._list:  # the selected row was removed
                 to_the_top()
 
     def _compare(self) -> None:
-        text, records = self._text, self._visitor.service.records
+        text = self._text
         self._compared.clear()
         if not self._chosen:
             return
         lines = []
-        for colour, number in zip(COLOURS, self._chosen, strict=False):
+        for colour, name in zip(COLOURS, self._chosen, strict=False):
             try:
-                active = [model for model in records.calibration(number).models if model.active]
-                curve = records.error_curve(number, active[0].model_id if active else None)
+                lines += self._errors(name, colour)
             except TorquebenchError as error:
                 self._visitor.messages.problem(error)
-                continue
-            title = f"{text('No.')} {number}"
-            lines.append(
-                Line(f"{title}, {text('Raw')}", curve.standard_nm, curve.raw_error_nm,
-                     colour, points=True, symbol="emptyCircle")
-            )  # fmt: skip
-            if curve.model_error_nm:
-                lines.append(
-                    Line(f"{title}, {text('Compensated')}", curve.standard_nm,
-                         curve.model_error_nm, colour, points=True, symbol="rect")
-                )  # fmt: skip
         with self._compared, panel(text("Errors compared")):
             error_chart(
                 text,
@@ -261,12 +265,34 @@ class _Calibrations(View):
                 tall=True,
             )
             with box("div", "line"):
-                for number in self._chosen:
-                    button(
-                        text("Open calibration {number} in the wizard", number=number),
-                        partial(ui.navigate.to, calibration_address(number)),
-                        picture="tune",
-                    )
+                for name in self._chosen:
+                    if name.isdecimal():
+                        title = text("Open calibration {number} in the wizard", number=name)
+                        address = calibration_address(int(name))
+                    else:
+                        title, address = text("Run {number}", number=name), run_address(name)
+                    link_button(title, address)
+                    remove = partial(self._toggle, name)
+                    button(text("Remove {name}", name=name), remove, "small quiet", picture="close")
+
+    def _errors(self, name: str, colour: str) -> list[Line]:
+        """Return the errors of a calibration and its model, or of a run's points."""
+        text, records = self._text, self._visitor.service.records
+        if not name.isdecimal():
+            return [Line(name, *records.run_errors(name), colour, points=True, symbol="triangle")]
+        active = [model for model in records.calibration(int(name)).models if model.active]
+        curve = records.error_curve(int(name), active[0].model_id if active else None)
+        title = f"{text('No.')} {name}"
+        lines = [
+            Line(f"{title}, {text('Raw')}", curve.standard_nm, curve.raw_error_nm,
+                 colour, points=True, symbol="emptyCircle")
+        ]  # fmt: skip
+        if curve.model_error_nm:
+            lines.append(
+                Line(f"{title}, {text('Compensated')}", curve.standard_nm,
+                     curve.model_error_nm, colour, points=True, symbol="rect")
+            )  # fmt: skip
+        return lines
 
 
 def drift_lines(text: Text, series: DriftSeries) -> list[Line]:

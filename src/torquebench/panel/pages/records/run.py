@@ -13,7 +13,7 @@ from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.errors import TorquebenchError
 from torquebench.message import Message
 from torquebench.panel.components.charts import COLOURS, Chart, Line
-from torquebench.panel.components.controls import Field, button
+from torquebench.panel.components.controls import Field, button, link_button
 from torquebench.panel.components.elements import (
     box,
     note,
@@ -41,7 +41,7 @@ from torquebench.panel.service import InterruptedView, Marker, RunDetail, RunTab
 from torquebench.panel.text import Text, Texts
 from torquebench.units import minus_signs
 
-__all__ = ["doubt_notes", "run_title"]
+__all__ = ["compared_address", "doubt_notes", "run_title"]
 
 SHOWN_ROWS = 12
 MOST_DOUBTS = 5
@@ -68,6 +68,12 @@ RUN_KINDS: Texts = {
     "turning-verification-input": "Turning verification, input module",
     "turning-verification-output": "Turning verification, output module",
 }
+
+
+def compared_address(chosen: Iterable[str]) -> str:
+    """Return the address of a chart with the errors of calibrations and runs."""
+    named = ",".join(chosen)
+    return f"/records?part=calibrations{'&with=' if named else ''}{named}"
 
 
 def run_title(text: Text, kind: str) -> str:
@@ -118,15 +124,15 @@ class _RunPanel:
             self._show(*read)
             to_the_top()
 
-    def _read(self) -> tuple[RunDetail, tuple[str, ...]]:
+    def _read(self) -> tuple[RunDetail, tuple[str, ...], float]:
         records = self._visitor.service.records
         detail = records.run(self._run_id)
         try:
-            return detail, records.run_columns(self._run_id)
+            return detail, records.run_columns(self._run_id), records.run_begin_s(self._run_id)
         except (TorquebenchError, OSError):  # the run has no raw samples
-            return detail, ()
+            return detail, (), 0.0
 
-    def _show(self, detail: RunDetail, columns: Sequence[str]) -> None:
+    def _show(self, detail: RunDetail, columns: Sequence[str], begin_s: float) -> None:
         text = self._text
         with panel(text("Run {number}", number=self._run_id)), box("div", "stack"):
             with box("div", "line"):
@@ -157,9 +163,9 @@ class _RunPanel:
                 note(text("Intact: every file is as it was when the run was sealed."), "good")
             doubt_notes(text, detail.run.doubts)
             pairs(self._facts(detail))
-            self._annotations(detail.annotations)
+            self._annotations(detail.annotations, begin_s)
             if columns:
-                RunSamples(self._visitor, detail.run, columns, detail.annotations).build()
+                RunSamples(self._visitor, detail.run, columns, detail.annotations, begin_s).build()
             for part in detail.tables:
                 self._points(part)
 
@@ -195,13 +201,16 @@ class _RunPanel:
             facts.append((text("Data"), text("simulated")))
         return facts
 
-    def _annotations(self, annotations: Sequence[Marker]) -> None:
+    def _annotations(self, annotations: Sequence[Marker], begin_s: float) -> None:
         if not annotations:
             return
         text = self._text
-        heads = [(text("Time"), True), (text("Note"), False),
+        heads = [(text("Time from the start, s"), True), (text("Note"), False),
                  (text("By"), False)]  # fmt: skip
-        rows = [(f"{each.bench_time_s:.2f} s", each.note, each.who) for each in annotations]
+        rows = [
+            (minus_signs(f"{each.bench_time_s - begin_s:.2f}"), each.note, each.who)
+            for each in annotations
+        ]
         table(text("Annotations"), heads, rows)
 
     def _points(self, part: RunTable) -> None:
@@ -217,13 +226,11 @@ class _RunPanel:
         words(
             "h3", text("{name}, rows: {count}", name=title, count=len(next(iter(numbers.values()))))
         )
-        if "reading_nm" in numbers and "standard_nm" in numbers:
-            numbers["error_nm"] = [
-                reading - standard
-                for reading, standard in zip(
-                    numbers["reading_nm"], numbers["standard_nm"], strict=True
-                )
-            ]
+        if (errors := part.errors) is not None:
+            numbers["error_nm"] = errors[1]
+            link_button(
+                text("Compare its errors with calibrations"), compared_address([self._run_id])
+            )
         first = _worth_seeing(numbers)
         if first:
             self._plot(numbers, first)
@@ -309,4 +316,6 @@ def run_page(visitor: Visitor) -> None:
     run_id = visitor.query["run_id"]
     with frame(visitor, "records", title=run_id):
         place = box("div", "stack")
+        with place:
+            words("p", visitor.text("Reading the records …"), "muted", role="status")
         ui.timer(0.0, partial(_RunPanel(visitor, run_id).build, place), once=True)

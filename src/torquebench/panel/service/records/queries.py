@@ -57,6 +57,8 @@ __all__ = ["MEDIA", "RecordQueries"]
 RUN_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 MEDIA = {".pdf": "application/pdf", ".xml": "application/xml", ".json": "application/json"}
 MOST_ROWS = 500
+POINTS = "points"
+"""Stream of a run's measured points."""
 
 
 class RecordQueries:
@@ -181,8 +183,23 @@ class RecordQueries:
         raw = RunFolder.open(self._run(run_id).folder).raw()
         return tuple(name for name in raw.columns if name != "time_s")
 
-    def run_trend(self, run_id: str, columns: Sequence[str], points: int = 1000) -> Rows:
+    def run_trend(
+        self,
+        run_id: str,
+        columns: Sequence[str],
+        points: int = 1000,
+        span_s: tuple[float, float] | None = None,
+    ) -> Rows:
         """Return raw samples of a run over time, reduced without losing extremes.
+
+        Parameters
+        ----------
+        run_id : str
+        columns : sequence of str
+        points : int
+            Largest number of rows.
+        span_s : (float, float), optional
+            Span whose samples are wanted, s from the run's first sample; by default all.
 
         Returns
         -------
@@ -203,8 +220,34 @@ class RecordQueries:
         if not columns or "time_s" not in raw:
             raise InputError("no column", "one of the run's columns")
         values = np.array([np.asarray(raw[name], dtype=np.float64) for name in columns])
-        rows = Rows(np.asarray(raw["time_s"], dtype=np.float64), values, values, values)
+        time_s = np.asarray(raw["time_s"], dtype=np.float64)
+        if span_s is not None and time_s.size:
+            after_s = time_s - time_s[0]
+            shown = (after_s >= span_s[0]) & (after_s <= span_s[1] + 1e-9)
+            time_s, values = time_s[shown], values[:, shown]
+        rows = Rows(time_s, values, values, values)
         return envelope(rows, min(max(points, 1), 5000))
+
+    def run_begin_s(self, run_id: str) -> float:
+        """Return the bench time of a run's first raw sample, s; 0 without samples."""
+        time_s = RunFolder.open(self._run(run_id).folder).raw().columns.get("time_s")
+        return 0.0 if time_s is None or not len(time_s) else float(time_s[0])
+
+    def run_errors(self, run_id: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return the standard's torques of a run's points, and the errors of its raw readings, N·m.
+
+        Raises
+        ------
+        NotFoundError
+            The run doesn't exist, or has no points against a standard.
+        """
+        for part in _tables(RunFolder.open(self._run(run_id).folder)):
+            if part.stream == POINTS and (errors := part.errors) is not None:
+                return errors
+        raise NotFoundError(
+            Message("run {run} has no points against a standard", run_id),
+            "a calibration, a verification or a daily check",
+        )
 
     # -- calibrations -----------------------------------------------------------------------
 

@@ -55,6 +55,15 @@ class RunTable:
     units: Mapping[str, str]
     columns: Mapping[str, Sequence[Any]]
 
+    @property
+    def errors(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+        """The standard's torques and the readings' errors, N·m; None without a standard."""
+        if not {"reading_nm", "standard_nm"} <= self.columns.keys():
+            return None
+        pairs = list(zip(self.columns["standard_nm"], self.columns["reading_nm"], strict=True))
+        standard = tuple(float(standard) for standard, _ in pairs)
+        return standard, tuple(float(reading) - float(standard) for standard, reading in pairs)
+
 
 @dataclass(frozen=True)
 class RunDetail:
