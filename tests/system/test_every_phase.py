@@ -22,7 +22,7 @@ SEED = 3
     ("event", "phase", "named"),
     [
         ("killed", "register certificate", ""),
-        ("disk full", "register", "measured"),
+        nightly("disk full", "register", "measured"),
         nightly("disk full", "prepare", "interrupted"),
         nightly("killed", "sealed", "measured"),
         nightly("killed", "register model", "measured"),

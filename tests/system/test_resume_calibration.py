@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.support.draws import nightly
 from tests.system.command_line import run, run_python
 from tests.system.killed_calibrations import KILLED
 from tests.watching import Watching
@@ -97,7 +98,7 @@ def test_a_calibration_killed_at_any_moment_keeps_its_points_and_goes_on(
         folder.verify()
 
 
-@pytest.mark.parametrize("moment", ADAPTIVE)
+@pytest.mark.parametrize("moment", [ADAPTIVE[0], nightly(ADAPTIVE[1])])
 def test_an_adaptive_calibration_goes_on_placing_points_by_all_that_it_has(
     killed: dict[str, tuple[Path, int]], tmp_path: Path, moment: str
 ) -> None:

@@ -107,7 +107,7 @@ def text(standard: np.ndarray, reading: np.ndarray, unit: str, blank: set[int]) 
 
 
 @pytest.mark.usefixtures("curve_alone")
-@pytest.mark.parametrize("seed", drawn(60, by_day=20))
+@pytest.mark.parametrize("seed", drawn(60, by_day=6))
 def test_wrong_rows_of_random_tables_are_named_by_their_lines(seed: int) -> None:
     """Any unit, range and step; titles and empty lines; the error from 20 scatters on."""
     rng = np.random.default_rng([seed, 33])
@@ -129,7 +129,7 @@ def test_wrong_rows_of_random_tables_are_named_by_their_lines(seed: int) -> None
 
 
 @pytest.mark.usefixtures("curve_alone")
-@pytest.mark.parametrize("seed", drawn(60, by_day=20))
+@pytest.mark.parametrize("seed", drawn(60, by_day=6))
 def test_zeros_that_differ_between_series_are_subtracted_and_named(seed: int) -> None:
     """Of a table read without taring, whose zero moves by 1 to 5 % of full scale or not at all."""
     rng = np.random.default_rng([seed, 2])

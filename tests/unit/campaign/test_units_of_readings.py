@@ -84,7 +84,7 @@ def drawn(seed: int) -> Drawn:
 
 
 @pytest.mark.usefixtures("curve_alone")
-@pytest.mark.parametrize("seed", draws.drawn(60, by_day=12))
+@pytest.mark.parametrize("seed", draws.drawn(60, by_day=5))
 def test_a_model_keeps_the_unit_of_its_readings(tmp_path: Path, seed: int) -> None:
     chain = drawn(seed)
     table, model, out = (tmp_path / name for name in ("t.csv", "m.json", "o.csv"))

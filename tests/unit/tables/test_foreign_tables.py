@@ -121,7 +121,7 @@ def scaled(values: list[float], factor: float, offset: float = 0.0) -> list[floa
     return [(value - offset) / factor for value in values]
 
 
-@pytest.mark.parametrize("seed", drawn(MANY, by_day=6))
+@pytest.mark.parametrize("seed", drawn(MANY, by_day=3))
 def test_every_unit_of_torque_in_every_place(tmp_path: Path, seed: int) -> None:
     draw = random.Random(seed)
     pairs = [(factor, draw.choice(TORQUES[factor])) for factor in draw.sample([*TORQUES], 2)]
@@ -148,7 +148,7 @@ def test_every_unit_of_torque_in_every_place(tmp_path: Path, seed: int) -> None:
     assert data.standard_nm == pytest.approx(STANDARD, rel=1e-9)
 
 
-@pytest.mark.parametrize("seed", drawn(MANY, by_day=6))
+@pytest.mark.parametrize("seed", drawn(MANY, by_day=3))
 def test_every_unit_of_what_stands_beside(tmp_path: Path, seed: int) -> None:
     draw = random.Random(seed)
     kind = [*OTHERS][seed % len(OTHERS)]
@@ -170,7 +170,7 @@ def test_every_unit_of_what_stands_beside(tmp_path: Path, seed: int) -> None:
     assert found == pytest.approx(values, rel=1e-9), header
 
 
-@pytest.mark.parametrize("seed", drawn(MANY, by_day=6))
+@pytest.mark.parametrize("seed", drawn(MANY, by_day=3))
 def test_header_and_option_that_contradict_are_refused(tmp_path: Path, seed: int) -> None:
     draw = random.Random(seed)
     first, second = draw.sample([*TORQUES], 2)
@@ -182,7 +182,7 @@ def test_header_and_option_that_contradict_are_refused(tmp_path: Path, seed: int
         read_calibration(path, mapping=[f"reading={name}[{option}]"])
 
 
-@pytest.mark.parametrize("seed", drawn(MANY, by_day=6))
+@pytest.mark.parametrize("seed", drawn(MANY, by_day=3))
 def test_one_header_for_two_quantities_is_refused(tmp_path: Path, seed: int) -> None:
     draw = random.Random(seed)
     words = WORDS[[*WORDS][seed % len(WORDS)]][seed // 6 % 2]
@@ -221,7 +221,7 @@ TITLES = (
 )
 
 
-@pytest.mark.parametrize("seed", drawn(MANY, by_day=6))
+@pytest.mark.parametrize("seed", drawn(MANY, by_day=3))
 def test_where_the_table_begins(tmp_path: Path, seed: int) -> None:
     """Title blocks, rows of units, separators, decimal marks, encodings, quoted line ends."""
     draw = random.Random(seed)
@@ -295,7 +295,7 @@ def write_matlab73(path: Path, variables: dict[str, Any]) -> None:
     path.write_bytes(content)
 
 
-@pytest.mark.parametrize("seed", drawn(MANY, by_day=6))
+@pytest.mark.parametrize("seed", drawn(MANY, by_day=3))
 def test_files_of_matlab(tmp_path: Path, seed: int) -> None:
     """Version 5 by SciPy and 7.3 by h5py: structures, texts as long as the columns, cells."""
     draw = random.Random(seed)
@@ -322,7 +322,7 @@ def test_files_of_matlab(tmp_path: Path, seed: int) -> None:
     assert list(found.columns.notes) == ["t.mat: not read: names"] * cells
 
 
-@pytest.mark.parametrize("seed", drawn(MANY, by_day=6))
+@pytest.mark.parametrize("seed", drawn(MANY, by_day=3))
 def test_exports_of_twincats_scope(tmp_path: Path, seed: int) -> None:
     """Channels with times of their own or shared ones, other sample times, ticks of 100 ns.
 
@@ -420,7 +420,7 @@ def test_columns_of_any_type_matter_only_where_they_are_used(tmp_path: Path, kin
         TableColumns(used, ("reading_nm",)).numbers(used, "reading_nm")
 
 
-@pytest.mark.parametrize("seed", drawn(MANY, by_day=6))
+@pytest.mark.parametrize("seed", drawn(MANY, by_day=3))
 def test_the_first_bad_cell_is_named_as_the_file_counts(tmp_path: Path, seed: int) -> None:
     draw = random.Random(seed)
     ending = ("csv", "xlsx", "csv")[seed % 3] if seed % 10 else "xlsx"
@@ -482,7 +482,7 @@ SIGNALS = {
 }
 
 
-@pytest.mark.parametrize("seed", drawn(MANY, by_day=6))
+@pytest.mark.parametrize("seed", drawn(MANY, by_day=3))
 def test_a_signal_times_its_sensitivity(tmp_path: Path, seed: int) -> None:
     draw = random.Random(seed)
     units = SIGNALS[[*SIGNALS][seed % len(SIGNALS)]]
@@ -508,7 +508,7 @@ def test_a_signal_times_its_sensitivity(tmp_path: Path, seed: int) -> None:
         read_calibration(path)
 
 
-@pytest.mark.parametrize("seed", drawn(MANY, by_day=6))
+@pytest.mark.parametrize("seed", drawn(MANY, by_day=3))
 def test_a_force_or_mass_times_its_arm(tmp_path: Path, seed: int) -> None:
     draw = random.Random(seed)
     units = MASSES if seed % 2 else FORCES
@@ -527,7 +527,7 @@ def test_a_force_or_mass_times_its_arm(tmp_path: Path, seed: int) -> None:
         read_calibration(path)
 
 
-@pytest.mark.parametrize("seed", drawn(MANY, by_day=6))
+@pytest.mark.parametrize("seed", drawn(MANY, by_day=3))
 def test_a_hint_is_right_or_refused_and_never_takes_the_reference(
     tmp_path: Path, seed: int
 ) -> None:
@@ -561,7 +561,7 @@ def stored() -> StoredModel:
     return StoredModel(PolynomialModel(degree=1).fit(X, np.array(STANDARD)), MADE)
 
 
-@pytest.mark.parametrize("seed", drawn(MANY, by_day=6))
+@pytest.mark.parametrize("seed", drawn(MANY, by_day=3))
 def test_a_table_of_another_chain_than_the_models_is_refused_everywhere(
     tmp_path: Path, stored: StoredModel, seed: int
 ) -> None:
