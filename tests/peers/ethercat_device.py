@@ -8,14 +8,12 @@ import contextlib
 import json
 import socket
 import struct
-import threading
 import time
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from tests.peers.cia402_node import Abort, Cia402Objects
 
-from torquebench.testing.faults import Faults
+from torquebench.testing.cable import TcpPort
 
 LIBRARY = __file__.replace("ethercat_device.py", "ethercat_library")
 INIT, PREOP, SAFEOP, OP, ERROR = 1, 2, 4, 8, 0x10
@@ -100,57 +98,18 @@ class EthercatPeer(Cia402Objects):
         return sum((entry & 0xFF) // 8 for entry in self._mapped(assignment))
 
 
-class EthercatNetwork(Faults):
+class EthercatNetwork(TcpPort):
     """Devices in a row behind one adapter, whose cable can fail."""
 
     def __init__(self, *devices: EthercatPeer) -> None:
         super().__init__()
         self.devices = devices
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self.address = f"127.0.0.1:{self._listener.getsockname()[1]}"
-        self._clients: list[tuple[threading.Thread, socket.socket]] = []
-
-    def __enter__(self) -> Self:
-        self._accepting = threading.Thread(target=self._accept, daemon=True)
-        self._accepting.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._listener.shutdown(socket.SHUT_RDWR)
-        self._accepting.join()
-        self._listener.close()
-        self.disconnect()
-
-    def disconnect(self) -> None:
-        for thread, client in self._clients:
-            with contextlib.suppress(OSError):
-                client.shutdown(socket.SHUT_RDWR)
-            if thread is not threading.current_thread():
-                thread.join()
-            client.close()
-        self._clients = []
 
     def garbled(self, data: bytes) -> bytes:
         return bytes(byte ^ 0x5A for byte in data * 3)
 
-    def _accept(self) -> None:
-        with contextlib.suppress(OSError):
-            while True:
-                client, _ = self._listener.accept()
-                if self.fault("disconnect") is not None:
-                    client.close()
-                    continue
-                thread = threading.Thread(target=self._attend, args=(client,), daemon=True)
-                self._clients.append((thread, client))
-                thread.start()
-
-    def _attend(self, client: socket.socket) -> None:
-        with contextlib.suppress(OSError, ValueError), client.makefile("rb") as lines:
+    def serve(self, client: socket.socket) -> None:
+        with contextlib.suppress(ValueError), client.makefile("rb") as lines:
             for line in lines:
                 answer = self._answer(json.loads(line))
                 late_s = self.fault("delay")

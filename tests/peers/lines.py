@@ -9,13 +9,12 @@ import socket
 import threading
 import tty
 from collections.abc import Callable
-from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
-from torquebench.testing.faults import Faults
+from torquebench.testing.cable import TcpPort
 
 
-class LinePeer(Faults):
+class LinePeer(TcpPort):
     """Lines on a port, a thread a client; the device is one, whoever asks.
 
     With `serial` it has a serial line instead, and `address` is the name of its terminal.
@@ -31,60 +30,42 @@ class LinePeer(Faults):
         self.lines: list[str] = []
         self._lock = threading.Lock()
         self._ended = threading.Event()
-        self._clients: list[tuple[threading.Thread, Callable[[], None]]] = []
         self._line: tuple[int, int] | None = None
+        self._serial = serial
         self.write: Callable[[bytes], None] = lambda _: None
         """Writes on the line of the last client."""
-        self._listener: socket.socket | None = None
         if serial:
+            self._listener.close()
             self._line = pty.openpty()
             tty.setraw(self._line[1])
             self.address = os.ttyname(self._line[1])
-        else:
-            self._listener = socket.create_server(("127.0.0.1", 0))
-            self.address = f"127.0.0.1:{self._listener.getsockname()[1]}"
 
     def __enter__(self) -> Self:
-        if self._line is not None:
-            master = self._line[0]
-            self.write = lambda data: _write(master, data)
-            self._attend(lambda: _read(master, self._ended), self.write)
-        else:
-            self._accepting = threading.Thread(target=self._accept, daemon=True)
-            self._accepting.start()
+        if self._line is None:
+            return super().__enter__()
+        master = self._line[0]
+        self.write = lambda data: _write(master, data)
+        self._reading = threading.Thread(
+            target=self._converse,
+            args=(lambda: _read(master, self._ended), self.write),
+            daemon=True,
+        )
+        self._reading.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if self._line is not None:
+    def __exit__(self, *ended: Any) -> None:
+        if not self._serial:
+            super().__exit__(*ended)
+        elif self._line is not None:
             line, self._line = self._line, None
             self._ended.set()
-            self.disconnect()
+            self._reading.join()
             for end in line:
                 os.close(end)
-        if self._listener is None:
-            return
-        self._listener.shutdown(socket.SHUT_RDWR)
-        self._accepting.join()
-        self._listener.close()
-        self.disconnect()
 
     def pull_out(self) -> None:
         """Pull the plug of the serial line, for good."""
-        assert self._line is not None
         self.__exit__(None, None, None)
-
-    def disconnect(self) -> None:
-        """Close every connection."""
-        clients, self._clients = self._clients, []
-        for thread, shut in clients:
-            with contextlib.suppress(OSError):
-                shut()
-            thread.join()
 
     def garbled(self, data: bytes) -> bytes:
         """Return a line that nobody understands."""
@@ -92,43 +73,19 @@ class LinePeer(Faults):
 
     # -- serving ----------------------------------------------------------------------------
 
-    def _accept(self) -> None:
-        assert self._listener is not None
+    def serve(self, client: socket.socket) -> None:
+        self._converse(lambda: client.recv(4096), client.sendall)
+
+    def _converse(self, read: Callable[[], bytes], write: Callable[[bytes], None]) -> None:
+        rest = b""
         with contextlib.suppress(OSError):
-            while True:
-                client, _ = self._listener.accept()
-                if self.fault("disconnect") is not None:
-                    client.close()
-                    continue
-                self._attend(
-                    lambda client=client: client.recv(4096),  # type: ignore[misc]
-                    client.sendall,
-                    lambda client=client: client.shutdown(socket.SHUT_RDWR),  # type: ignore[misc]
-                    client.close,
-                )
+            while data := read():
+                *whole, rest = re.split(self.ends, rest + self.received(data))
+                for line in whole:
+                    if line.strip():
+                        self._handle(line, write)
 
-    def _attend(
-        self,
-        read: Callable[[], bytes],
-        write: Callable[[bytes], None],
-        shut: Callable[[], None] = lambda: None,
-        close: Callable[[], None] = lambda: None,
-    ) -> None:
-        def serve() -> None:
-            rest = b""
-            with contextlib.suppress(OSError):
-                while data := read():
-                    *whole, rest = re.split(self.ends, rest + self.received(data))
-                    for line in whole:
-                        if line.strip():
-                            self._serve(line, write)
-            close()
-
-        thread = threading.Thread(target=serve, daemon=True)
-        self._clients.append((thread, shut))
-        thread.start()
-
-    def _serve(self, line: bytes, write: Callable[[bytes], None]) -> None:
+    def _handle(self, line: bytes, write: Callable[[bytes], None]) -> None:
         with self._lock:
             text = line.decode("ascii", "replace").strip()
             self.lines.append(text)

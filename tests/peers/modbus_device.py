@@ -5,12 +5,10 @@ as a whole with exception 2. Another unit identifier is refused with exception 1
 """
 
 import socket
-import socketserver
 import struct
-import threading
 from collections.abc import Callable
-from types import TracebackType
-from typing import Self
+
+from torquebench.testing.cable import TcpPort
 
 READ_COILS, READ_DISCRETE, READ_HOLDING, READ_INPUT, WRITE_COILS = 1, 2, 3, 4, 15
 
@@ -21,49 +19,24 @@ def float_words(value: float, *, low_first: bool = False) -> list[int]:
     return [low, high] if low_first else [high, low]
 
 
-class ModbusDevicePeer:
+class ModbusDevicePeer(TcpPort):
     """A device with the registers and bits that it is given, at `address` within its context."""
 
     def __init__(self, unit: int = 1) -> None:
+        super().__init__()
         self.unit = unit
         self.registers: dict[int, dict[int, int]] = {READ_HOLDING: {}, READ_INPUT: {}}
         self.bits: dict[int, dict[int, bool]] = {READ_COILS: {}, READ_DISCRETE: {}}
         self.requests: list[tuple[int, int, int]] = []
         self.written: Callable[[], None] = lambda: None
-        peer = self
 
-        class Handler(socketserver.BaseRequestHandler):
-            def handle(self) -> None:
-                connection: socket.socket = self.request
-                with connection, connection.makefile("rb") as stream:
-                    while len(head := stream.read(7)) == 7:
-                        transaction, protocol, length, unit = struct.unpack(">3HB", head)
-                        answer = peer._answer(unit, stream.read(length - 1))
-                        length = len(answer) + 1
-                        reply = struct.pack(">3HB", transaction, protocol, length, unit) + answer
-                        connection.sendall(reply)
-
-        class Server(socketserver.ThreadingTCPServer):
-            allow_reuse_address = True
-            daemon_threads = True
-
-        self._server = Server(("127.0.0.1", 0), Handler)
-        self.address = f"127.0.0.1:{self._server.server_address[1]}"
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,))
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._server.shutdown()
-        self._thread.join()
-        self._server.server_close()
+    def serve(self, client: socket.socket) -> None:
+        with client.makefile("rb") as stream:
+            while len(head := stream.read(7)) == 7:
+                transaction, protocol, length, unit = struct.unpack(">3HB", head)
+                answer = self._answer(unit, stream.read(length - 1))
+                length = len(answer) + 1
+                client.sendall(struct.pack(">3HB", transaction, protocol, length, unit) + answer)
 
     def _answer(self, unit: int, request: bytes) -> bytes:
         function, first, count = struct.unpack(">BHH", request[:5])

@@ -218,7 +218,9 @@ def next_command(listening: socket.socket) -> list[str]:
     signal.set_wakeup_fd(told.fileno())
     while True:
         ready, _, _ = select.select([listening, sys.stdin, ended], [], [])
-        if sys.stdin in ready:
+        if sys.stdin in ready:  # interrupted tests leave no command behind
+            for process in running:
+                os.kill(process, signal.SIGKILL)
             os._exit(0)
         if ended in ready:
             ended.recv(4096)

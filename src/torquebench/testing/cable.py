@@ -1,4 +1,4 @@
-"""A cable between a client and a device on TCP, which can be cut, slow or noisy."""
+"""A TCP port with a thread a client, and a cable to a device, which can be cut, slow or noisy."""
 
 from __future__ import annotations
 
@@ -10,30 +10,28 @@ from typing import Self
 
 from torquebench.testing.faults import Faults
 
+LOOPBACK = ("127.0.0.1", 0)
 
-class Cable(Faults):
-    """Passes on what is sent to its port, and misbehaves in the device's direction of sending.
+
+class TcpPort(Faults):
+    """Listens within its context and serves each client in a thread of its own.
 
     Parameters
     ----------
-    port : int
-        Port of the device.
-    host : str, default "127.0.0.1"
-        Host of the device.
-    at : tuple of str and int, optional
+    at : tuple of str and int
         Address at which it listens; by default a free port, `port`.
     """
 
-    def __init__(
-        self, port: int, host: str = "127.0.0.1", at: tuple[str, int] = ("127.0.0.1", 0)
-    ) -> None:
+    def __init__(self, at: tuple[str, int] = LOOPBACK) -> None:
         super().__init__()
-        self._device = host, port
         self._listener = socket.create_server(at)
         self.port = self._listener.getsockname()[1]
-        self.address = f"opc.tcp://127.0.0.1:{self.port}"
-        self._ends: list[socket.socket] = []
-        self._threads: list[threading.Thread] = []
+        self.address = f"127.0.0.1:{self.port}"
+        self._clients: list[tuple[threading.Thread, socket.socket]] = []
+
+    def serve(self, client: socket.socket) -> None:
+        """Serve a client until it goes; an `OSError` ends it, too."""
+        raise NotImplementedError
 
     def __enter__(self) -> Self:
         self._accepting = threading.Thread(target=self._accept, daemon=True)
@@ -53,18 +51,12 @@ class Cable(Faults):
 
     def disconnect(self) -> None:
         """Close every connection."""
-        for end in self._ends:
+        clients, self._clients = self._clients, []
+        for thread, client in clients:
             with contextlib.suppress(OSError):
-                end.shutdown(socket.SHUT_RDWR)
-        for thread in self._threads:
-            thread.join()
-        for end in self._ends:
-            end.close()
-        self._ends, self._threads = [], []
-
-    def garbled(self, data: bytes) -> bytes:
-        """Return data that nobody understands."""
-        return bytes(byte ^ 0x5A if k % 3 else byte for k, byte in enumerate(data))
+                client.shutdown(socket.SHUT_RDWR)
+            if thread is not threading.current_thread():
+                thread.join()
 
     def _accept(self) -> None:
         with contextlib.suppress(OSError):
@@ -73,20 +65,48 @@ class Cable(Faults):
                 if self.fault("disconnect") is not None:
                     client.close()
                     continue
-                device = socket.create_connection(self._device)
-                self._ends += [client, device]
-                for source, target in ((client, device), (device, client)):
-                    thread = threading.Thread(
-                        target=self._pass, args=(source, target, target is client), daemon=True
-                    )
-                    self._threads.append(thread)
-                    thread.start()
+                thread = threading.Thread(target=self._attend, args=(client,), daemon=True)
+                self._clients.append((thread, client))
+                thread.start()
+
+    def _attend(self, client: socket.socket) -> None:
+        with client, contextlib.suppress(OSError):
+            self.serve(client)
+
+
+class Cable(TcpPort):
+    """Passes on what is sent to its port, and misbehaves in the device's direction of sending.
+
+    Parameters
+    ----------
+    port : int
+        Port of the device.
+    host : str, default "127.0.0.1"
+        Host of the device.
+    at : tuple of str and int, optional
+        Address at which it listens; by default a free port, `port`.
+    """
+
+    def __init__(self, port: int, host: str = "127.0.0.1", at: tuple[str, int] = LOOPBACK) -> None:
+        super().__init__(at)
+        self._device = host, port
+        self.address = f"opc.tcp://{self.address}"
+
+    def garbled(self, data: bytes) -> bytes:
+        """Return data that nobody understands."""
+        return bytes(byte ^ 0x5A if k % 3 else byte for k, byte in enumerate(data))
+
+    def serve(self, client: socket.socket) -> None:
+        """Pass on both ways until one end closes."""
+        with socket.create_connection(self._device) as device:
+            back = threading.Thread(target=self._pass, args=(device, client, True), daemon=True)
+            back.start()
+            self._pass(client, device, False)
+            back.join()
 
     def _pass(self, source: socket.socket, target: socket.socket, spoils: bool) -> None:
         with contextlib.suppress(OSError):
             while data := source.recv(65536):
-                if spoils:
-                    data = self.spoiled(data)
-                target.sendall(data)
+                target.sendall(self.spoiled(data) if spoils else data)
         with contextlib.suppress(OSError):
             target.shutdown(socket.SHUT_RDWR)
