@@ -442,3 +442,19 @@ def test_a_span_of_a_run_is_drawn_typed_and_kept_in_its_address(person: Visitor)
     person.wait(lambda: "from=" not in person.driver.current_url, "the address of the whole run")
     person.wait(lambda: drawn_until_s() > 1.5, "the whole run")
     assert person.problems() == []
+
+
+LARGEST_INSIDE = """
+return [...document.querySelectorAll('.digits > li')].map((tile) => {
+  tile.querySelector('b').firstChild.textContent = '−2000.00 ';
+  return tile.scrollWidth <= tile.clientWidth;
+});
+"""
+
+
+def test_large_numbers_stay_in_their_tiles(person: Visitor) -> None:
+    for size in ((1920, 1080), (1366, 768), (390, 844)):
+        person.size(*size)
+        person.open("/?view=digits")
+        person.wait(lambda: person.driver.execute_script(LARGEST_INSIDE), "tiles")
+        assert set(person.driver.execute_script(LARGEST_INSIDE)) == {True}, size
