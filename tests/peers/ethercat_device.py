@@ -11,7 +11,7 @@ import struct
 import time
 from typing import Any
 
-from tests.peers.cia402_node import Abort, Cia402Objects
+from tests.peers.cia402_node import WRITABLE, Abort, Cia402Objects
 
 from torquebench.testing.cable import TcpPort
 
@@ -35,7 +35,6 @@ class EthercatPeer(Cia402Objects):
         self.assigned: dict[int, list[int]] = {0x1C12: [], 0x1C13: []}
         self.cycles = 0
         self._cycled_s = time.monotonic()
-        self._before: dict[int, bytes] = {}
 
     # -- states -----------------------------------------------------------------------------
 
@@ -88,8 +87,8 @@ class EthercatPeer(Cia402Objects):
                 size = (entry & 0xFF) // 8
                 value, out = out[:size], out[size:]
                 index = entry >> 16
-                if self._before.get(index) != value and not (index == 0x6060 and value == b"\0"):
-                    self._before[index] = value
+                held = struct.pack(WRITABLE[index, 0], self._stored[index, 0])
+                if held != value and not (index == 0x6060 and value == b"\0"):
                     with contextlib.suppress(Abort):  # out of range: the drive keeps the last one
                         self._download(index, 0, value)
         return b"".join(self._read(entry >> 16, 0) for entry in self._mapped(0x1C13))

@@ -317,6 +317,8 @@ class EthercatLink(ObjectLink):
             if connection.current:
                 time.sleep(2.0 * self._options.cycle_s)  # until the drive has it
                 return
+            if index in (TARGET_TORQUE, TARGET_VELOCITY):
+                return  # without cycles its watchdog removes the power: no set point beside them
         data = self.variable(index, subindex).encode_raw(value)
         self._device(connection).sdo_write(index, subindex, data, release_gil=True)
 
