@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from tests.support.draws import nightly
 
 from torquebench.bench.description import default_bench
 from torquebench.calibration import load_profile
@@ -10,8 +11,7 @@ from torquebench.campaign.demo import DemoSettings, run_demo
 from torquebench.station import Station
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize(("seed", "groups"), [(2, 2), (1, 10), (3, 2)])
+@pytest.mark.parametrize(("seed", "groups"), [(2, 2), nightly(1, 10), nightly(3, 2)])
 def test_both_modules_keep_the_promise(seed: int, groups: int, tmp_path: Path) -> None:
     description = default_bench()
     driver = {**description.driver, "seed": seed}
