@@ -261,7 +261,7 @@ class _Router(socketserver.ThreadingTCPServer):
     program: Program
 
 
-_NUMBERS = itertools.count(os.getpid() % 50_000)
+_NUMBERS = itertools.count(os.getpid() % 50_000 * 64)  # other processes are far away
 
 
 class AdsPlc(_Plc):

@@ -205,6 +205,6 @@ class TestAscii(DriverContract):
 
 class TestDrive(DriveContract):
     @pytest.fixture
-    def case(self, running: AsciiPeer) -> MotorCase:
+    def case(self, running: AsciiPeer) -> Iterator[MotorCase]:
+        yield motor_case(bench(running), "output_drive", running.motor)
         running.motor.reset()
-        return motor_case(bench(running), "output_drive", running.motor)

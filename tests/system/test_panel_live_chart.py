@@ -59,6 +59,13 @@ def saved(person: Visitor, folder: Path, ending: str, name: str = "torquebench-*
     return file
 
 
+@pytest.fixture(autouse=True)
+def ordinary_screen(person: Visitor) -> Iterator[None]:
+    """Let every test begin with the usual screen."""
+    yield
+    person.size(1440, 900)
+
+
 def choose_tool(person: Visitor, tool: str) -> None:
     """Choose from the menu of the toolbar, which then closes."""
     person.press("More", within="//details")
@@ -89,7 +96,6 @@ def test_a_small_screen_shows_one_row_of_tools_and_three_plots_of_160_pixels(
         ["Input, raw torque"],
         ["Input, speed", "Output, speed"],
     ]
-    person.size(1440, 900)
 
 
 def test_a_span_is_drawn_held_and_left_again(person: Visitor) -> None:
