@@ -52,7 +52,7 @@ class AlarmLevel(IntEnum):
 
 @dataclass(frozen=True)
 class AlarmEntry:
-    """Meaning and remedy of a kind of alarm, for the documentation."""
+    """Cause and remedy of a kind of alarm, for panel and documentation."""
 
     cause: str
     remedy: str
@@ -61,84 +61,84 @@ class AlarmEntry:
 ALARM_CATALOGUE: dict[AlarmKind, AlarmEntry] = {
     AlarmKind.TORQUE_LIMIT: AlarmEntry(
         "A measured torque exceeded the limit in force for its side.",
-        "Find the overload before you continue. The limits are in the bench description, the "
-        "mounted reducer and the running procedure; the lowest of them applies.",
+        "Look for a jam or an overload of the chain. Unload before you touch anything.",
     ),
     AlarmKind.SPEED_LIMIT: AlarmEntry(
         "A measured speed exceeded the limit in force for its side.",
-        "Find out why the drive was too fast: set point, mode of operation or a lost load.",
+        "Look for a loose coupling and a wrong speed in the test's settings.",
     ),
     AlarmKind.ANGLE_LIMIT: AlarmEntry(
         "A side turned further from where its drive was switched on than `angle_deg` allows.",
-        "Check clamp, coupling and mode conversion for slip.",
+        "Check whether the shaft slips or the test turns further than its settings allow.",
     ),
     AlarmKind.RATE_LIMIT: AlarmEntry(
         "Torque or speed changed faster than the limits allow.",
-        "Look for a part that broke or came loose.",
+        "Look for a coupling that slips or a part that breaks, then load more slowly.",
     ),
     AlarmKind.TEMPERATURE_LIMIT: AlarmEntry(
         "A temperature probe is above its limit.",
-        "Let the bench cool down; check lubrication and ambient temperature.",
+        "Let the bench cool down and look at its cooling and lubrication.",
     ),
     AlarmKind.SIGNAL_LOST: AlarmEntry(
         "A channel delivered no valid signal for longer than allowed: no pulses, a stuck "
         "counter, a frequency outside its modulation, a silent encoder or probe.",
-        "Check cable, supply and terminal of the channel that the alarm names, then run "
-        "`torquebench doctor`.",
+        "Look at the transducer's cable, plug and supply. A missing signal is never zero torque.",
     ),
     AlarmKind.DISAGREEMENT: AlarmEntry(
         "Transducer and reference standard read the same torque and differ by more than allowed.",
-        "Find out which of the two is wrong: zeros, sensitivities, mounting.",
+        "Two signals of the same quantity differ. Look for a slipping coupling, a loose cable "
+        "or a swapped channel.",
     ),
     AlarmKind.FOLLOWING: AlarmEntry(
-        "A drive does not do what it was commanded: torque or speed differs from the set "
-        "point for too long.",
-        "Check the drive's mode and limits, then its transducer.",
+        "A drive does not do what it was commanded: torque or speed differs from the set point "
+        "for too long.",
+        "Look at the drive's enable, supply and settings. It didn't follow its command; don't "
+        "use it until you know the cause.",
     ),
     AlarmKind.DRIVE_FAULT: AlarmEntry(
         "A drive reports a fault, lost its power, or can't be commanded.",
-        "Read the drive's fault code and check its connection. Its watchdog removes the power"
-        " when commands stop.",
+        "Read the fault on the drive, remove its cause, reset the drive.",
     ),
     AlarmKind.JOURNAL: AlarmEntry(
         "A document or a block of samples could not be written to the run folder.",
-        "Make room on the disk or repair it, then resume or repeat the run.",
+        "Make room on the disk or repair it, then repeat the run.",
     ),
     AlarmKind.AUDIT: AlarmEntry(
         "A line could not be written to the audit log.",
-        "Make room on the disk or repair it.",
+        "Make room on the disk or repair it before anything is moved.",
     ),
     AlarmKind.REGISTRY: AlarmEntry(
         "The registry's database does not answer. Measurement continues into the run folder.",
-        "Check that the database server runs and has room. The registry catches up by itself.",
+        "Check whether the registry's server runs and its disk has room. It catches up by itself.",
     ),
     AlarmKind.HEARTBEAT: AlarmEntry(
         "A part of the software that must report regularly did not.",
-        "Restart the program that hangs.",
+        "Wait until the computer is less busy. If it happens again, restart the panel.",
     ),
     AlarmKind.PRESENCE: AlarmEntry(
         "Nobody confirmed presence at the bench within `presence_s` while a drive had power.",
-        "Stay at the bench and confirm, or end the run before you leave.",
+        "Come back to the bench and confirm that you are there.",
     ),
     AlarmKind.STALL: AlarmEntry(
         "The acquisition delivered no block in time.",
-        "Close other programs that load the computer; check the counter's connection.",
+        "Look at the counter, its cable and its supply, then restart the panel.",
     ),
     AlarmKind.SUPERVISOR: AlarmEntry(
         "The safety supervisor itself failed; the bench was stopped.",
-        "Open the bench again. If it happens again, report it with the log.",
+        "Restart the panel. If it happens again, report it with the audit log.",
     ),
     AlarmKind.DRIVER: AlarmEntry(
         "An instrument's driver failed, and the acquisition ended.",
-        "Check the instrument that the alarm names and open the bench again.",
+        "Look at the instrument's supply and connection, then restart the panel.",
     ),
     AlarmKind.STOP: AlarmEntry(
         "A person or a program stopped the bench (panel, HTTP API, Ctrl-C).",
-        "Acknowledge when the cause is gone.",
+        "Ask why it was stopped. Acknowledge when the bench is safe to move.",
     ),
     AlarmKind.NOT_SAFE: AlarmEntry(
         "After a stop a drive's power or the torque is still read back.",
-        "Press the emergency stop. The alarm can't be acknowledged until both are gone.",
+        "Press the emergency stop and keep away from the bench. Find out why the drive doesn't "
+        "switch off; the alarm can be acknowledged when power and torque are read as gone.",
     ),
 }
 """Cause and remedy of every kind of alarm."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from torquebench.bench.safety.alarms import ALARM_CATALOGUE, AlarmKind
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.elements import (
     box,
@@ -21,7 +22,6 @@ from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.page import page
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import AlarmView
-from torquebench.panel.text import ALARM_REMEDIES
 
 __all__ = ["alarms_page"]
 
@@ -92,7 +92,7 @@ class _AlarmsPage:
                 words("span", text("from {source}", source=text(alarm.source)))
             if alarm.allowed:
                 words("p", text("Allowed: {allowed}", allowed=text(alarm.allowed)))
-            remedies = [text(ALARM_REMEDIES.get(alarm.kind, ""))]
+            remedies = [text(ALARM_CATALOGUE[AlarmKind(alarm.kind)].remedy)]
             if alarm.remedy and alarm.kind != "stop requested":  # the core's remedy would repeat it
                 remedies.append(text.sentence(alarm.remedy))
             words("p", text("What to do: {remedy}", remedy=" ".join(filter(None, remedies))))
