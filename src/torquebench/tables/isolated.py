@@ -370,4 +370,6 @@ def _prepare(package: str, limits: Limits) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main(json.loads(sys.argv[1])))
+    code = main(json.loads(sys.argv[1]))
+    sys.stderr.flush()
+    os._exit(code)  # all is sent: a library that aborts as the interpreter ends spoils nothing

@@ -145,3 +145,12 @@ def test_a_reader_that_dies_by_a_signal_is_a_message(tmp_path: Path, how: signal
         ended.set()
         killer.join()
     assert len(read_table(path)) == 3
+
+
+def test_a_library_that_aborts_when_all_is_read_spoils_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text("import atexit, os\natexit.register(os.abort)\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    pq.write_table(pa.table({"reading_nm": [1.0, 2.0]}), tmp_path / "a.parquet")
+    assert len(read_table(tmp_path / "a.parquet")) == 2
