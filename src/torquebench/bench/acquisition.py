@@ -50,8 +50,6 @@ HELD_BLOCKS = 20
 """Largest number of blocks that are compensated and recorded together in fast time."""
 JOINED_S = 1.0
 """Length of the blocks that are kept for viewers that begin earlier, s."""
-AT_REST_S = 0.05
-"""Longest interval between two checks of the signals while no drive has power, s."""
 DEMAND_POLL_S = 0.05
 """Interval at which an idle fast bench checks whether it shall end, s of wall time."""
 LATE_BLOCKS = 3
@@ -95,10 +93,9 @@ class Acquisition:
         self._supervisor = supervisor
         self._commands = commands
         self._block_s = description.counter.block_s
-        slice_s = max(description.safety.fast_check_s, drivers.shortest_read_s)
         # In fast simulated time nobody can react between blocks.
+        slice_s = max(description.safety.fast_check_s, drivers.shortest_read_s)
         self._slices = 1 if clock.fast else max(1, int(self._block_s / slice_s + 1e-9))
-        self._slices_at_rest = min(self._slices, math.ceil(self._block_s / AT_REST_S - 1e-9))
         self._index = 0
         self._lock = threading.RLock()
         self._channels: dict[str, Channel] = {}
@@ -191,11 +188,10 @@ class Acquisition:
             while not self._stopping.is_set():
                 if not self._clock.wait_for_demand(DEMAND_POLL_S):
                     continue
-                slices = self._needed_slices()
-                if not self._paced(1.0 / slices):
+                if not self._paced(1.0 / self._slices):
                     continue
                 with self._supervisor.guarding_block(), collecting_later():
-                    self._step(slices)
+                    self._step()
         except Exception as error:  # whatever has failed, the bench must not stay loaded
             if not isinstance(error, TorquebenchError):  # an instrument's failure is an alarm
                 logger.exception("acquisition ended")
@@ -212,13 +208,6 @@ class Acquisition:
                 )
             )
 
-    def _needed_slices(self) -> int:
-        """Return in how many slices the next block is read and checked.
-
-        While no drive has power there is nothing to switch off: few slices save processor time.
-        """
-        return self._slices if self._commands.any_powered else self._slices_at_rest
-
     def _paced(self, share: float) -> bool:
         """Wait until the wall clock reaches simulated time; return False when acquisition ends."""
         if self._clock.fast or not self._drivers.simulated_time:
@@ -232,9 +221,9 @@ class Acquisition:
             self._clock.stood(-ahead_s)
         return True
 
-    def _step(self, slices: int = 1) -> float | None:
+    def _step(self) -> float | None:
         """Acquire a block; return the counter's backlog in seconds, None if unknown."""
-        measured = self._read(slices)
+        measured = self._read()
         behind_s = None if measured.waiting_s is None else time.monotonic() - measured.timed_s
         with self._lock:
             channels = list(self._channels.values())
@@ -248,23 +237,23 @@ class Acquisition:
             self._supervisor.check_lateness(self._clock.late_s, LATE_S)
         return measured.waiting_s
 
-    def _read(self, slices: int) -> Block:
+    def _read(self) -> Block:
         """Return the next block, slice by slice through the supervisor's fast check.
 
         A backlog is read in one request: block by block it would never be worked off.
         """
-        counter = self._drivers.counter
+        counter, count = self._drivers.counter, self._slices
         if not self._drivers.simulated_time:
             late_blocks = int(min(self._clock.late_s, LONGEST_READ_S) / self._block_s)
             if late_blocks >= LATE_BLOCKS:
                 return counter.read_block(late_blocks * self._block_s)
-        if slices == 1:
+        if count == 1:
             return counter.read_block(self._block_s)
         parts = []
-        for number in range(slices):
+        for number in range(count):
             if number:  # the first slice has already been waited for
-                self._paced((number + 1) / slices)
-            parts.append(counter.read_block(self._block_s / slices))
+                self._paced((number + 1) / count)
+            parts.append(counter.read_block(self._block_s / count))
             self._supervisor.check_edges(parts[-1], self._channels)
         return Block.join(parts)
 

@@ -274,7 +274,7 @@ class SignalJudge:
                 )
         elif not self._commands.any_enabled:
             for memory in self._memory.channels.values():
-                memory.waiting = memory.before_slice = memory.edges_until_s = None
+                memory.waiting = None
             self._following.forget()
         return self._result()
 

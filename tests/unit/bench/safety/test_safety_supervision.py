@@ -237,33 +237,6 @@ def test_a_violation_is_seen_between_blocks_in_real_time(open_bench: OpenBench) 
         assert bench.supervisor.wait_safe(60.0)
 
 
-def test_the_counter_is_read_in_short_slices_only_while_a_drive_has_power(
-    open_bench: OpenBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with open_bench(real_time=True, **PATIENT) as bench:
-        read: list[float] = []
-        counter, read_block = bench.simulated, bench.simulated.read_block
-
-        def reading(duration_s: float) -> Block:
-            read.append(round(duration_s, 6))
-            return read_block(duration_s)
-
-        def lengths_of_a_block() -> set[float]:
-            bench.clock.wait(0.1)  # the block that has begun meanwhile
-            read.clear()
-            bench.clock.wait(0.2)
-            return set(read)
-
-        monkeypatch.setattr(counter, "read_block", reading)
-        assert lengths_of_a_block() == {0.05}
-        bench.commands.output.switching = True
-        assert lengths_of_a_block() == {0.005}
-        bench.commands.output.switching = False
-        bench.load_output(100.0)
-        assert lengths_of_a_block() == {0.005}
-        assert bench.supervisor.alarm is None
-
-
 def counted(start: int, stop: int, ticks: list[int]) -> Block:
     edges = EdgeBlock(np.array(ticks, dtype=np.int64), start, stop, 1e6)
     angle = Record({"time_s": np.array([start / 1e6]), "angle_counts": np.array([start])})
