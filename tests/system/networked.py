@@ -8,6 +8,7 @@ import socket
 import tempfile
 import tomllib
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -133,6 +134,22 @@ def described(**sections: Any) -> BenchDescription:
     return validated(BenchDescription, values, "networked.toml")
 
 
+def seen_by(
+    lock: AbstractContextManager[Any], look: Callable[[], None]
+) -> Callable[[Callable[[], Any]], Callable[[], Any]]:
+    """Return how a value of a peer is read: under its lock, after its watchdogs have acted."""
+
+    def seen(value: Callable[[], Any]) -> Callable[[], Any]:
+        def now() -> Any:
+            with lock:
+                look()
+                return value()
+
+        return now
+
+    return seen
+
+
 def motor_case(
     description: BenchDescription,
     key: str,
@@ -141,15 +158,7 @@ def motor_case(
     **others: Any,
 ) -> MotorCase:
     """Describe a drive of a peer that has a `Motor`; `look` lets its watchdogs act."""
-
-    def seen(value: Callable[[], Any]) -> Callable[[], Any]:
-        def now() -> Any:
-            with motor.lock:
-                (look or motor.look)()
-                return value()
-
-        return now
-
+    seen = seen_by(motor.lock, look or motor.look)
     return MotorCase(
         description,
         key,

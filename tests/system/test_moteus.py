@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.peers.moteus_controller import FAULT, MoteusPeer
-from tests.system.networked import described
+from tests.system.networked import described, seen_by
 
 from torquebench.bench.drivers.angles import DriveAngles
 from torquebench.bench.drivers.base import Positioned
@@ -82,14 +82,7 @@ def test_a_fault_has_its_code(peer: MoteusPeer, drive: Any) -> None:
 class TestDrive(DriveContract):
     @pytest.fixture
     def case(self, peer: MoteusPeer) -> MotorCase:
-        def seen(value: Callable[[], Any]) -> Callable[[], Any]:
-            def look() -> Any:
-                with peer._lock:
-                    peer.look()
-                    return value()
-
-            return look
-
+        seen = seen_by(peer._lock, peer.look)
         return MotorCase(
             described_for(peer),
             "input_drive",

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.peers.odrive_node import ESTOP, OdrivePeer
-from tests.system.networked import CAN_BUS, described
+from tests.system.networked import CAN_BUS, described, seen_by
 
 from torquebench.bench.drivers.base import Positioned
 from torquebench.bench.drivers.instruments import open_role
@@ -79,21 +79,13 @@ class TestDrive(DriveContract):
     @pytest.fixture
     def case(self, peer: OdrivePeer) -> Iterator[MotorCase]:
         peer.watchdog_s = 5.0
-
-        def seen(value: Callable[[], Any]) -> Callable[[], Any]:
-            def look() -> Any:
-                with peer.lock:
-                    peer.look()
-                    return value() if peer.powered else type(value())()
-
-            return look
-
+        seen = seen_by(peer.lock, peer.look)
         yield MotorCase(
             described_for(peer),
             "input_drive",
             powered=seen(lambda: peer.powered),
-            torque_nm=seen(lambda: peer.torque_nm),
-            speed_rad_s=seen(lambda: math.tau * peer.velocity),
+            torque_nm=seen(lambda: peer.torque_nm * peer.powered),
+            speed_rad_s=seen(lambda: math.tau * peer.velocity * peer.powered),
         )
         assert max(peer.velocities, default=0.0) < 1.0, "a torque was sent as a velocity"
 
