@@ -1,10 +1,11 @@
 """Cases that are drawn at random: a few of them by day, all by `make nightly`."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import pytest
 
-__all__ = ["drawn", "nightly"]
+__all__ = ["drawn", "nightly", "some"]
 
 
 def nightly(*values: Any) -> Any:
@@ -14,4 +15,10 @@ def nightly(*values: Any) -> Any:
 
 def drawn(count: int, by_day: int) -> list[Any]:
     """Return the seeds 0 to `count` - 1 as a test's parameter; the first `by_day` run by day."""
-    return [*range(by_day), *(nightly(seed) for seed in range(by_day, count))]
+    return some(range(count), by_day)
+
+
+def some(values: Iterable[Any], by_day: int) -> list[Any]:
+    """Return a test's parameter: the first `by_day` values run by day, the others nightly."""
+    chosen = list(values)
+    return [*chosen[:by_day], *map(nightly, chosen[by_day:])]

@@ -11,7 +11,7 @@ from torquebench.campaign.demo import DemoSettings, run_demo
 from torquebench.station import Station
 
 
-@pytest.mark.parametrize(("seed", "groups"), [(2, 2), nightly(1, 10), nightly(3, 2)])
+@pytest.mark.parametrize(("seed", "groups"), [nightly(2, 2), nightly(1, 10), nightly(3, 2)])
 def test_both_modules_keep_the_promise(seed: int, groups: int, tmp_path: Path) -> None:
     description = default_bench()
     driver = {**description.driver, "seed": seed}

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.draws import nightly
 from typer.core import TyperGroup
 
 from torquebench.cli import main, whole_command
@@ -40,6 +41,7 @@ OF_OTHERS = {
     "cpg_backlash_sine_vel_2.500tps_2.00s.csv",
 }
 """Public recordings that aren't part of the project."""
+LONGEST = "docs/how-to/work-in-python.md"
 ALLOWED = (0, 1)  # 1: a finding about the example's points, as it is documented
 FENCE = re.compile(r"^[ ]*```(\w*)\n(.*?)^[ ]*```", re.S | re.M)
 
@@ -113,7 +115,9 @@ def run(words: list[str], monkeypatch: pytest.MonkeyPatch) -> tuple[object, str]
     return 0, told.getvalue()
 
 
-@pytest.mark.parametrize("page", WITH_PYTHON)
+@pytest.mark.parametrize(
+    "page", [nightly(page) if page == LONGEST else page for page in WITH_PYTHON]
+)
 def test_python_of_a_page_runs(page: str, reader: Path, capsys: pytest.CaptureFixture[str]) -> None:
     names: dict[str, object] = {"__name__": "__main__"}
     text = "\n".join(blocks(page, "python"))
@@ -148,9 +152,12 @@ def runs_offline(words: list[str]) -> bool:
 
 
 OFFLINE_PAGES = [page for page in WITH_COMMANDS if any(map(runs_offline, commands(page)))]
+TUTORIAL = "docs/tutorial.md"
 
 
-@pytest.mark.parametrize("page", OFFLINE_PAGES)
+@pytest.mark.parametrize(
+    "page", [page if page == TUTORIAL else nightly(page) for page in OFFLINE_PAGES]
+)
 def test_offline_commands_of_a_page_run(
     page: str, reader: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -162,7 +169,7 @@ def test_offline_commands_of_a_page_run(
 
 
 def test_every_page_with_code_is_looked_at() -> None:
-    assert {"README.md", "docs/tutorial.md"} <= set(OFFLINE_PAGES)
+    assert {"README.md", TUTORIAL} <= set(OFFLINE_PAGES)
     assert len(WITH_PYTHON) >= 6
     assert len(WITH_COMMANDS) >= 12
 

@@ -129,8 +129,13 @@ POSSIBLE: dict[str, dict[str, Any]] = {
 }
 """Requests that are done."""
 OF_INTERRUPTED_RUNS = {"resume", "records finish", "records discard"}
-AT_NIGHT = {"standard-reducer", "records compare-models"}
-"""Those that take ten seconds."""
+BY_DAY = {
+    *("zero", "calibrate", "check", "certificate", "fit", "apply", "export", "evaluate static"),
+    *("evaluate hysteresis", "bench new", "doctor", "mechanics sections", "records list"),
+    *("records show", "records audit", "records amend", "records export", "records equipment"),
+    *("records import", "records use", "records deactivate", "records review"),
+}
+"""One of each kind; the others are compared nightly, their refusals by day."""
 LONG = {"turn", "in-place", "papers-tables", "mechanics supports"}
 """They take long; `tests/system` runs them."""
 REFUSED: dict[str, dict[str, Any]] = {
@@ -264,7 +269,7 @@ def _placed(name: str, value: Any, interfaces: Interfaces, folder: Path) -> Any:
 
 
 class TestOperations(OperationContract):
-    @pytest.fixture(params=[nightly(name) if name in AT_NIGHT else name for name in POSSIBLE])
+    @pytest.fixture(params=[name if name in BY_DAY else nightly(name) for name in POSSIBLE])
     def possible_request(
         self, request: pytest.FixtureRequest, interfaces: Interfaces, tmp_path: Path
     ) -> Iterator[tuple[str, dict[str, Any]]]:

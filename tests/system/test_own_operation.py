@@ -103,6 +103,7 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path, text: str | None, found:
     assert "Traceback" not in problem
 
 
+@pytest.mark.nightly
 def test_it_keeps_the_contract_of_operations() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", CREEP.parent],

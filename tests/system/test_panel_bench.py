@@ -109,6 +109,7 @@ def test_somebody_not_signed_in_can_stop_but_not_look(person: Visitor, stranger:
     person.sees("No active alarms")
 
 
+@pytest.mark.nightly
 def test_wrong_passwords_are_refused_and_nobody_is_sent_elsewhere(
     panel: Panel, stranger: Visitor
 ) -> None:
@@ -127,6 +128,7 @@ return window.scrollY < 400 && top > 0 && bottom <= window.innerHeight;
 """
 
 
+@pytest.mark.nightly
 def test_limits_are_changed_as_a_difference_and_undone(person: Visitor) -> None:
     person.open("/settings")
     entry = person.driver.find_element(By.CSS_SELECTOR, "[data-key='output.limits.torque_nm']")
@@ -175,6 +177,7 @@ ask();
 """
 
 
+@pytest.mark.nightly
 def test_the_server_answers_while_a_full_test_is_rehearsed(person: Visitor) -> None:
     person.open("/reducer")
     person.sees("Dry run")
@@ -184,6 +187,7 @@ def test_the_server_answers_while_a_full_test_is_rehearsed(person: Visitor) -> N
     assert person.problems() == []
 
 
+@pytest.mark.nightly
 def test_tokens_and_the_log_have_pages_with_the_readers_clock(person: Visitor) -> None:
     driver = person.driver
     driver.execute_cdp_cmd("Emulation.setTimezoneOverride", {"timezoneId": "Asia/Tokyo"})
@@ -238,6 +242,7 @@ def test_pages_load_nothing_from_elsewhere(person: Visitor) -> None:
     assert [each for each in person.problems() if "404" not in each] == []  # the policy held
 
 
+@pytest.mark.nightly
 def test_a_page_is_printed_without_buttons_and_with_its_charts(person: Visitor) -> None:
     driver = person.driver
     person.open("/calibrate")
@@ -295,6 +300,7 @@ def test_a_page_is_accessible_and_fits_a_phone(person: Visitor, path: str) -> No
     assert person.axe() == []
 
 
+@pytest.mark.nightly
 def test_a_newcomer_sees_which_steps_are_done_and_states_the_laboratory(
     person: Visitor, panel: Panel
 ) -> None:
@@ -344,6 +350,7 @@ def test_everything_is_reached_by_keyboard(person: Visitor) -> None:
     assert outline == "3px"
 
 
+@pytest.mark.nightly
 def test_chinese_and_dark_are_chosen_in_the_menu(person: Visitor) -> None:
     person.open("/alarms")
     person.driver.find_element(By.CSS_SELECTOR, "[aria-label='Menu']").click()
@@ -365,6 +372,7 @@ def test_chinese_and_dark_are_chosen_in_the_menu(person: Visitor) -> None:
     person.sees("No active alarms")
 
 
+@pytest.mark.nightly
 def test_a_dialog_is_in_its_place_from_the_first_moment(person: Visitor) -> None:
     person.open("/alarms")
     places = person.driver.execute_async_script(
@@ -444,6 +452,7 @@ window.setTimeout = (act, ms, ...given) => after(act, ms === 10000 ? 600000 : ms
 """A page waits 10 s for a mouse to be let go: on a busy computer that is no time."""
 
 
+@pytest.mark.nightly
 def test_a_press_of_what_changes_while_the_mouse_is_down_is_answered(
     person: Visitor, stranger: Visitor
 ) -> None:
@@ -493,6 +502,7 @@ def test_a_button_that_needs_the_server_says_when_it_is_not_ready(person: Visito
     person.sees("F8: stop the bench")
 
 
+@pytest.mark.nightly
 def test_notices_are_switched_on_and_tell_of_an_alarm(person: Visitor) -> None:
     driver = person.driver
     granted = {"permissions": ["notifications"], "origin": person.panel.url}
@@ -537,6 +547,7 @@ def test_two_people_one_commands_and_the_other_watches(person: Visitor, stranger
     ben.sees("Nobody is in command")
 
 
+@pytest.mark.nightly
 def test_a_deactivated_person_is_sent_away_and_a_page_number_alone_opens_nothing(
     panel: Panel, person: Visitor, stranger: Visitor
 ) -> None:

@@ -119,6 +119,7 @@ def test_an_interrupted_calibration_is_gone_on_with_by_whoever_is_at_the_bench(
     assert ana.problems() == []
 
 
+@pytest.mark.nightly
 def test_a_table_from_elsewhere_is_looked_at_entered_and_taken_up(
     ana: Visitor, tmp_path: Path
 ) -> None:

@@ -94,6 +94,7 @@ def test_a_page_that_was_left_takes_no_message_from_the_next(person: Visitor) ->
     dismiss(person)
 
 
+@pytest.mark.nightly
 def test_a_failure_is_told_where_its_page_was_left_and_its_form_begins_with_the_request(
     panel: Panel, person: Visitor
 ) -> None:
@@ -121,6 +122,7 @@ def test_a_failure_is_told_where_its_page_was_left_and_its_form_begins_with_the_
     person.sees("Zeroing: aborted")
 
 
+@pytest.mark.nightly
 def test_a_server_that_died_says_so_to_who_had_started_something(
     panel: Panel, person: Visitor
 ) -> None:

@@ -74,6 +74,7 @@ def choose_tool(person: Visitor, tool: str) -> None:
     person.wait(lambda: not person.driver.execute_script(menu), "a closed menu")
 
 
+@pytest.mark.nightly
 def test_a_small_screen_shows_one_row_of_tools_and_three_plots_of_160_pixels(
     person: Visitor,
 ) -> None:
@@ -138,6 +139,7 @@ def test_a_scale_ends_a_little_beyond_the_values_and_has_a_tick_at_zero(person: 
         assert person.driver.execute_script(scale, *ends, room) == found
 
 
+@pytest.mark.nightly
 def test_a_cursor_reads_nothing_where_there_is_no_reading(person: Visitor) -> None:
     person.open("/")
     read = (
@@ -149,6 +151,7 @@ def test_a_cursor_reads_nothing_where_there_is_no_reading(person: Visitor) -> No
     assert read_at == {-5: None, 0.4: 0, 3: 30, 8: None, 13.6: 140, 30: None}
 
 
+@pytest.mark.nightly
 def test_times_are_those_of_the_clock(person: Visitor) -> None:
     person.open("/")
     late = person.wait(
@@ -186,6 +189,7 @@ def test_a_marker_is_seen_with_its_note(person: Visitor) -> None:
     person.press("10 s")  # the span is kept for the person
 
 
+@pytest.mark.nightly
 def test_channels_and_scales_are_kept_for_the_person(person: Visitor) -> None:
     person.open("/")
     choose_tool(person, "Channels")
@@ -223,6 +227,7 @@ def choose_view(person: Visitor, view: str) -> None:
     person.driver.find_element(By.CSS_SELECTOR, f"[aria-label='{view}']").click()
 
 
+@pytest.mark.nightly
 def test_a_channel_is_computed_by_a_formula_whose_unit_is_checked(person: Visitor) -> None:
     person.open("/")
     choose_tool(person, "Computed channels")
@@ -257,6 +262,7 @@ def test_a_channel_is_computed_by_a_formula_whose_unit_is_checked(person: Visito
     person.wait(lambda: len(option(person, "series")) == 8, "the usual lines")
 
 
+@pytest.mark.nightly
 def test_an_address_leads_to_view_layout_and_span(person: Visitor, tmp_path: Path) -> None:
     person.open("/")
     choose_view(person, "Large numbers")
@@ -295,6 +301,7 @@ def test_an_address_leads_to_view_layout_and_span(person: Visitor, tmp_path: Pat
     assert person.problems() == []
 
 
+@pytest.mark.nightly
 def test_a_span_is_shown_as_spectrum_and_histogram(person: Visitor) -> None:
     person.open("/")
     choose_tool(person, "Spectrum")
@@ -316,6 +323,7 @@ def test_a_span_is_shown_as_spectrum_and_histogram(person: Visitor) -> None:
     assert person.problems() == []
 
 
+@pytest.mark.nightly
 def test_the_chart_is_saved_as_picture_and_table(person: Visitor, folder: Path) -> None:
     person.open("/")
     person.wait(lambda: len(heads(person)) == 4, "a table of values")
@@ -332,6 +340,7 @@ def test_the_chart_is_saved_as_picture_and_table(person: Visitor, folder: Path) 
     assert rows[0]["time_utc"].startswith("20")
 
 
+@pytest.mark.nightly
 def test_signals_are_recorded_on_demand(person: Visitor) -> None:
     person.open("/")
     person.press("Record", within="//div[@role='toolbar']")
@@ -377,6 +386,7 @@ def drawn(person: Visitor) -> list[str]:
     return list(person.driver.execute_script(script))
 
 
+@pytest.mark.nightly
 def test_runs_are_laid_over_each_other_at_an_address(person: Visitor) -> None:
     person.open("/")
     for name in ("first", "second"):
@@ -406,6 +416,7 @@ def test_runs_are_laid_over_each_other_at_an_address(person: Visitor) -> None:
     assert person.problems() == []
 
 
+@pytest.mark.nightly
 def test_a_span_of_a_run_is_drawn_typed_and_kept_in_its_address(person: Visitor) -> None:
     def ends() -> list[float]:
         return [float(str(person.field(end).get_attribute("value"))) for end in ENDS]
@@ -458,6 +469,7 @@ return [...document.querySelectorAll('.digits > li')].map((tile) => {
 """
 
 
+@pytest.mark.nightly
 def test_large_numbers_stay_in_their_tiles(person: Visitor) -> None:
     for size in ((1920, 1080), (1366, 768), (390, 844)):
         person.size(*size)

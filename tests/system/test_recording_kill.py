@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.draws import nightly
 from tests.system import killed_writers
 
 from torquebench.records import RunFolder
@@ -14,7 +15,7 @@ LONGEST_S = 1000.0
 
 
 @pytest.mark.timeout(1.2 * LONGEST_S)
-@pytest.mark.parametrize("kills", [8, pytest.param(50, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("kills", [3, nightly(50)])
 def test_nothing_acknowledged_is_lost_by_kills_at_any_moment(kills: int, tmp_path: Path) -> None:
     writers = subprocess.run(
         [sys.executable, killed_writers.__file__, str(tmp_path), str(kills), "4711"],

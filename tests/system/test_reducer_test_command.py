@@ -28,6 +28,7 @@ def test_a_full_test_is_rehearsed_without_leaving_anything(tmp_path: Path) -> No
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.nightly
 def test_a_full_test_is_measured_judged_kept_and_reported(tmp_path: Path) -> None:
     found = run(
         "test", "full", "--short", "--reducer", "rv-40e", "--serial", "A1", "--data", "data",

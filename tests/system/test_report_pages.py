@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from tests.programs import program
+from tests.support.draws import nightly
 
 from torquebench.reports.page import Page, Section, Table, render_page
 
@@ -15,7 +16,7 @@ document.title = "beyond " + Math.max(...parts.map(e => e.scrollWidth - e.client
 </script>"""
 
 
-@pytest.mark.parametrize("width", [800, 1100])
+@pytest.mark.parametrize("width", [800, nightly(1100)])
 def test_the_comparison_of_models_stays_on_the_page(width: int, tmp_path: Path) -> None:
     errors = ("worst, N·m", "RMS, N·m", "worst, % FS", "RMS, % FS", "worst step mean, N·m")
     verdict = "3.5 standard errors worse than hybrid"

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.support.draws import nightly
 from tests.system.command_line import run, run_python
 
 from torquebench.compensation import load_model
@@ -44,8 +43,7 @@ if stage == "register":
     calibrating.register_calibration = die
 app(arguments)
 """
-NIGHTLY = ["start", "event 1", "event 7", "stop", "seal", "sealed", "fit", "register"]
-"""Beside the stage while points are measured."""
+STAGES = ["start", "event 1", "event 4", "event 7", "stop", "seal", "sealed", "fit", "register"]
 MODELS = [
     ("--model", "polynomial"),
     ("--model", "polynomial", "--parameter", "degree=3"),
@@ -90,7 +88,8 @@ def outcome(data: Path) -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("stage", ["event 4", *map(nightly, NIGHTLY)])
+@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.nightly
 def test_a_killed_calibration_ends_as_the_uninterrupted_one(stage: str, tmp_path: Path) -> None:
     killed, whole, options = tmp_path / "killed", tmp_path / "whole", drawn(stage)
     command = ["calibrate", "output", *options, "--yes"]

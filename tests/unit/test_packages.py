@@ -7,6 +7,7 @@ import venv
 import zipfile
 from pathlib import Path
 
+import pytest
 from tests.packages import Display, Installation
 
 SCRIPT = Path(__file__).resolve().parents[1] / "packages.py"
@@ -59,6 +60,7 @@ def wheel(folder: Path) -> Path:
     return file
 
 
+@pytest.mark.nightly
 def test_a_package_is_installed_and_a_missing_one_is_told_by_pip(tmp_path: Path) -> None:
     venv.create(tmp_path / "venv", with_pip=True)
     python = tmp_path / "venv" / "bin" / "python"

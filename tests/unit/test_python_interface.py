@@ -117,6 +117,7 @@ def test_an_estimator_takes_columns_by_names(make: Callable[[dict[str, Any]], An
         model.predict(make({"branch": ["up"]}))
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("curve_alone")
 def test_scikit_learn_validates_without_nan() -> None:
     table = points()

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.support.draws import nightly
 
 from torquebench.bench import acquisition
 from torquebench.bench.active_chain import ActiveChain
@@ -254,7 +255,7 @@ def test_an_active_compensation_works_on_live_samples(bench: LowBench) -> None:
     assert not list(iter(lambda: viewer.get(0.0), None))[-1].torques
 
 
-@pytest.mark.parametrize("held", [1, 7])
+@pytest.mark.parametrize("held", [1, nightly(7)])
 def test_blocks_kept_together_state_the_same_to_the_last_bit(
     open_bench: OpenBench, monkeypatch: pytest.MonkeyPatch, held: int
 ) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from tests.support.chains import FAMILIES
 from tests.support.contradicting_tables import FAULTS, STRANGERS, chain_table, stranger, trial
-from tests.support.draws import nightly
+from tests.support.draws import some
 
 from torquebench.calibration import (
     CalibrationData,
@@ -58,19 +58,19 @@ def healthy(seed: int) -> tuple[CalibrationData, Examination]:
     return data, examine_table(data)
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", some(FAMILIES, by_day=9))
 def test_chains_of_every_family_agree_with_themselves(family: str) -> None:
     for seed, points in ((0, 50), (1, 24)):
         assert examine_table(chain_table(family, seed, points)).disagreements == ()
 
 
-@pytest.mark.parametrize("family", STRANGERS)
+@pytest.mark.parametrize("family", some(STRANGERS, by_day=6))
 def test_tables_of_other_laboratories_agree_with_themselves(family: str) -> None:
     for seed in range(2):
         assert examine_table(stranger(family, seed)).disagreements == ()
 
 
-@pytest.mark.parametrize("fault", ["row", *(nightly(kind) for kind in FAULTS if kind != "row")])
+@pytest.mark.parametrize("fault", some(FAULTS, by_day=0))
 def test_injected_faults_are_found_at_the_right_rows(fault: str) -> None:
     """Twenty faults of 5 U to 30 U, of which 3 U and more can't be the chain itself.
 

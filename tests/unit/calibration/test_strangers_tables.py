@@ -31,7 +31,7 @@ from torquebench.uncertainty import CertifiedUncertainty
 FIELD = Path(__file__).parent / "field"
 REFERENCE = CertifiedUncertainty.of_torque(1e-4)
 RESOLUTION = 0.01
-TABLES = 60
+TABLES = 20
 CLASSES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 
 

@@ -578,6 +578,7 @@ def test_a_zero_that_wanders_within_runs_is_no_steep_change_over_temperature() -
         assert u < 1e-4 * RANGE_NM
 
 
+@pytest.mark.nightly
 def test_inertia_is_in_doubt_by_what_the_chain_reads_of_small_torques() -> None:
     """A step at the reversal takes a part of a torque of that size, and nothing of a large one."""
     points = calibration(points=96)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.support.draws import nightly
 
 from torquebench.compensation import features, make_model
 from torquebench.compensation.design import propose_points
@@ -30,7 +31,7 @@ def fitted(request):
     return make_model(request.param, range_nm=_FS).fit(X, y), X, y
 
 
-@pytest.mark.parametrize("criterion", ["worst", "integrated"])
+@pytest.mark.parametrize("criterion", ["worst", nightly("integrated")])
 def test_points_form_a_staircase_and_promise_less_uncertainty(fitted, criterion):
     model, X, y = fitted
     proposal = propose_points(model, X, y, 16, criterion=criterion)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
+from tests.support.draws import some
 
 from torquebench.compensation import features, make_model
 from torquebench.compensation.hysteresis import (
@@ -91,7 +92,7 @@ def _rms(error):
 
 
 @pytest.mark.parametrize("reversing", [False, True])
-@pytest.mark.parametrize("density", sorted(_DENSITIES))
+@pytest.mark.parametrize("density", some(sorted(_DENSITIES), by_day=1))
 def test_inner_loops_and_reversals_stay_compensated(density, reversing):
     chain = RelayChain(_DENSITIES[density])
     table = _calibrated(chain, reversing)
@@ -176,10 +177,12 @@ def test_unknown_history_widens_by_half_the_loop_and_holds_the_truth():
     assert settled.push([middle]).half_width_nm[0] == pytest.approx(first.half_width_nm[0])
 
 
-@pytest.fixture(scope="module", params=itertools.product((False, True), sorted(_DENSITIES)))
+@pytest.fixture(
+    scope="module", params=some(itertools.product(sorted(_DENSITIES), (False, True)), by_day=2)
+)
 def stated(request):
     """A chain, its table with uncertainty, and the plays that follow from the table."""
-    reversing, density = request.param
+    density, reversing = request.param
     table = _calibrated(RelayChain(_DENSITIES[density]), reversing, 1e-4, uncertainty=True)
     path = _REVERSING_NM if reversing else one_sided_path(_FS)
     return _DENSITIES[density], table, HysteresisOperator.from_table(table, path)
@@ -236,7 +239,7 @@ def test_a_zeroed_chain_reads_zero_until_it_is_loaded(stated):
     np.testing.assert_array_equal(np.concatenate(pieces), after.torque_nm)
 
 
-@settings(max_examples=15)
+@settings(max_examples=5)
 @given(turns=st.lists(st.floats(-0.95, 0.95), min_size=3, max_size=12))
 def test_after_full_cycles_no_walk_leads_far_out_of_the_intervals(stated, turns):
     error, settled = _walk(stated, [], [0.0, 1.0, -1.0, 1.0, -1.0, *turns])

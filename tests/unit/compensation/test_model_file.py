@@ -52,7 +52,7 @@ def chain(seed: int, count: int = 26) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("kind", KINDS)
 @settings(
-    max_examples=2,
+    max_examples=1,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(seed=st.integers(0, 2**31))

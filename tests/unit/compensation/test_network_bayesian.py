@@ -107,6 +107,7 @@ def test_it_is_far_better_than_a_polynomial_and_never_worse_than_the_noise() -> 
     assert model.shares_.sum() == pytest.approx(1.0)
 
 
+@pytest.mark.nightly
 def test_intervals_cover_the_truth() -> None:
     dense = np.linspace(-2000.0, 2000.0, 201)
     inside = []
@@ -129,7 +130,7 @@ def test_without_noise_it_follows_the_chain() -> None:
     assert np.max(np.abs(error)) < 0.02
 
 
-@settings(max_examples=10)
+@settings(max_examples=3)
 @given(
     seed=st.integers(0, 2**31),
     scale=st.sampled_from([1e-3, 1.0, 1e4]),

@@ -88,6 +88,7 @@ def test_through_zero_means_exactly_zero(per_direction: bool) -> None:
     assert std[0] < 1e-5 * READING.max()
 
 
+@pytest.mark.nightly
 def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
     truth = READING + 1.0 - 5e-4 * READING + 4e-7 * READING**2
     inside, widths = [], []

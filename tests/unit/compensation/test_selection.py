@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.support.draws import nightly
 from tests.watching import Watching
 
 from torquebench.compensation import (
@@ -32,6 +33,7 @@ def repeated(seed: int, repeats: int = 2, noise: float = 0.3) -> tuple[np.ndarra
     return reading[:, None], quadratic(reading) + generator.normal(0.0, noise, reading.size)
 
 
+@pytest.mark.nightly
 def test_a_form_that_fits_is_never_called_worse() -> None:
     scores = [compare(*repeated(seed), FAST).score("polynomial-2") for seed in range(6)]
     assert sum("worse" not in score.reason for score in scores) >= 5
@@ -175,7 +177,7 @@ def test_groups_must_be_one_for_each_point() -> None:
     )
 
 
-@pytest.mark.parametrize("repeats", [1, 12])
+@pytest.mark.parametrize("repeats", [1, nightly(12)])
 def test_without_noise_rounding_does_not_choose(repeats: int) -> None:
     reading = np.repeat(np.linspace(-2000.0, 2000.0, 11), repeats)
     exact = compare(reading[:, None], quadratic(reading), [*FAST, "hybrid"])

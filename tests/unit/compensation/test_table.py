@@ -311,6 +311,7 @@ def test_impossible_tolerance_is_refused(fitted):
         compile_table(fitted["polynomial"], tolerance=0.0)
 
 
+@pytest.mark.nightly
 def test_a_loop_that_closes_steeply_is_followed_less_finely_instead_of_for_minutes():
     rising = np.linspace(0.0, 1900.0, 30)
     standard = np.concatenate((rising, rising[::-1]))

@@ -39,6 +39,7 @@ def test_the_published_network_names_its_start(few: CalibrationData) -> None:
     assert "30 points" in said
 
 
+@pytest.mark.nightly
 def test_other_models_and_more_points_are_not_blamed(few: CalibrationData) -> None:
     assert not any("worse than the raw" in each for each in fit_table(few, "few.csv").remarks)
     many = fit_table(chain(120), "many.csv", "published-network")

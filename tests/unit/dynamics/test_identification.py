@@ -41,6 +41,7 @@ def test_resonance_damping_and_lag_follow_from_steps_or_sines(
         assert abs(getattr(found, name) - truth) < 3.0 * found.standard_uncertainty(name)
 
 
+@pytest.mark.nightly
 def test_the_uncertainty_covers_what_noise_does() -> None:
     truth = np.array([RESONANCE_HZ, DAMPING, CHAIN.lag_s, CHAIN.delay_s])
     inside = []

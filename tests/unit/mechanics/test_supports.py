@@ -52,6 +52,7 @@ def test_a_column_under_a_torque_about_a_horizontal_axis_bends_by_the_closed_for
     assert bar.stiffness_nm_rad == pytest.approx(young * 0.2 * 0.1**3 / 12.0 / 0.8, rel=0.03)
 
 
+@pytest.mark.nightly
 def test_the_cylinder_has_the_cantilevers_mass_and_is_much_stiffer() -> None:
     comparison = compare_supports(2000.0, size_m=0.12)
     cantilever, cylinder = comparison.cantilever, comparison.cylinder

@@ -361,7 +361,7 @@ def test_a_pause_before_the_first_run_begins_counts(service: BenchService) -> No
 
 
 def test_whoever_sees_the_end_of_a_job_may_start_the_next(service: BenchService) -> None:
-    for _ in range(5):
+    for _ in range(2):
         view = service.jobs.start(BEN, "zero", {"sides": ["input"]})
         while view.open:
             view = service.jobs.get(view.job_id)

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from tests.support.draws import nightly
 from tests.system.interrupted_phases import stopped
 from tests.unit.panel.test_panel_jobs import ANA, BEN, ended, opened
 
@@ -10,7 +11,7 @@ from torquebench.errors import InputError
 from torquebench.panel.service import PermissionDeniedError
 
 
-@pytest.mark.parametrize("discarded", [False, True])
+@pytest.mark.parametrize("discarded", [False, nightly(True)])
 def test_a_run_that_was_killed_before_its_registration_is_finished_or_discarded(
     tmp_path: Path, discarded: bool
 ) -> None:

@@ -4,6 +4,7 @@ import threading
 import warnings
 
 import numpy as np
+import pytest
 from tests.watching import Watching
 
 from torquebench.calibration import CalibrationData, load_profile
@@ -76,6 +77,7 @@ def worst_percent(station: Station, data: CalibrationData) -> float:
     return float(np.max(np.abs(model.predict(X) - path))) / 20.0
 
 
+@pytest.mark.nightly
 def test_placed_points_do_what_many_more_even_ones_do(station: Station) -> None:
     placed = station.run(calibrate(station.devices, "output", PROFILE), kind="placed").result.data
     even = load_profile("rapid-in-situ").with_options(step_percent=5.0)

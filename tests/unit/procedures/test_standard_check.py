@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.draws import drawn, nightly
 
 from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.chain_effects import with_stated_limits
@@ -139,7 +140,7 @@ def test_a_chain_that_was_changed_on_record_is_calibrated_anew(tmp_path: Path) -
         measure_calibration(station, SIDE, PROFILE)
 
 
-@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize("seed", [3, nightly(4)])
 def test_a_healthy_bench_is_calibrated_again(tmp_path: Path, seed: int) -> None:
     description = default_bench()
     driver = {"preset": "worn" if seed % 2 else "nominal", "seed": seed}
@@ -202,7 +203,7 @@ class Chain:
         return ActiveChain(with_stated_limits(fitted.chain, description, SIDE), "7", "polynomial")
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", drawn(12, by_day=3))
 def test_chains_of_others(seed: int) -> None:
     rng = np.random.default_rng(seed)
     description = default_bench()

@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from tests.support.draws import nightly
 from tests.watching import Watching
 
 from torquebench.bench.roles import Side
@@ -52,7 +53,7 @@ def empty_run(path: Path, inertia_kgm2: float, top_rpm: float) -> Path:
     return path
 
 
-@pytest.mark.parametrize("side", ["input", "output"])
+@pytest.mark.parametrize("side", ["output", nightly("input")])
 def test_the_bench_s_own_steps_identify_stiffness_damping_and_delay(
     station: Station, tmp_path: Path, side: Side
 ) -> None:

@@ -10,6 +10,7 @@ import pytest
 from bluesky.utils import Msg
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from tests.support.draws import nightly
 
 from torquebench.bench.description import default_bench
 from torquebench.bench.state import SideCommands, Turned
@@ -88,7 +89,7 @@ def slips(station: Station, side: str) -> None:
     twin.inject_fault(side, "encoder_slip", start_s=twin.time_s + 0.5, amount=counts)
 
 
-@pytest.mark.parametrize("stop_s", [0.0, 3.0])
+@pytest.mark.parametrize("stop_s", [0.0, nightly(3.0)])
 @pytest.mark.parametrize(
     "broken",
     [

@@ -88,7 +88,7 @@ KINDS = [
     (strokes, True, {}),
     (strokes, True, {"step": 1.3}),
 ]
-EACH = 2
+EACH = 1
 
 
 @pytest.mark.parametrize(("recorded", "bad", "options"), KINDS)

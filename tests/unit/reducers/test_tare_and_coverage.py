@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.support.draws import nightly
 
 from torquebench.chain import Component, Shared, Torque
 from torquebench.errors import InputError
@@ -59,7 +60,7 @@ KNOWN = TorqueUncertainty(
 )
 
 
-@pytest.mark.parametrize("tared", [True, False])
+@pytest.mark.parametrize("tared", [True, nightly(False)])
 def test_intervals_of_no_load_torque_hold_the_truth(tared: bool) -> None:
     held, width = [], []
     for seed in range(SEEDS):

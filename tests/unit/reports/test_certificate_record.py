@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.draws import nightly
 from tests.unit.reports.calibrated_bench import calibrated_bench, points
 from tests.unit.reports.certificate_records import read_back
 
@@ -188,7 +189,7 @@ def test_verification_at_fresh_points_is_stated(registry: Registry) -> None:
     assert found.averaged_after_nm == after.averaged.worst_nm
 
 
-@pytest.mark.parametrize("wanted", [Verdict.PASS, Verdict.CONDITIONAL_PASS, Verdict.FAIL])
+@pytest.mark.parametrize("wanted", [Verdict.PASS, nightly(Verdict.CONDITIONAL_PASS), Verdict.FAIL])
 def test_the_certificates_verdict_is_that_of_the_verification(
     registry: Registry, wanted: Verdict
 ) -> None:

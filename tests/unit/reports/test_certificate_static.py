@@ -192,6 +192,7 @@ def test_a_deviation_is_said_with_the_marks_of_the_language() -> None:
     )
 
 
+@pytest.mark.nightly
 def test_many_steps_list_the_usual_ones_and_an_annex_all(registry: Registry) -> None:
     many = STAIRCASE.with_options(step_percent=4.0)
     bench = calibrated_bench(registry, profile=many, temperature_drift_k=0.5)

@@ -295,7 +295,7 @@ def write_matlab73(path: Path, variables: dict[str, Any]) -> None:
     path.write_bytes(content)
 
 
-@pytest.mark.parametrize("seed", drawn(MANY, by_day=3))
+@pytest.mark.parametrize("seed", drawn(MANY, by_day=2))
 def test_files_of_matlab(tmp_path: Path, seed: int) -> None:
     """Version 5 by SciPy and 7.3 by h5py: structures, texts as long as the columns, cells."""
     draw = random.Random(seed)
@@ -407,7 +407,7 @@ UNUSED: tuple[tuple[Any, list[Any]], ...] = (
 )
 
 
-@pytest.mark.parametrize("kind", range(len(UNUSED)))
+@pytest.mark.parametrize("kind", drawn(len(UNUSED), by_day=4))
 def test_columns_of_any_type_matter_only_where_they_are_used(tmp_path: Path, kind: int) -> None:
     stored, values = UNUSED[kind]
     extra = pa.array((values * len(READING))[: len(READING)], stored)

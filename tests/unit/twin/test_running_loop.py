@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.support.draws import nightly
 from tests.support.reducer_truth import true_loop, true_loop_values
 
 from torquebench.reducers import LoopSettings, evaluate_hysteresis
@@ -34,7 +35,7 @@ def running_loop(parameters, loop_s=12.0):
     return np.concatenate(torque[half:]), np.concatenate(twist[half:])
 
 
-@pytest.mark.parametrize("rippling", [False, True])
+@pytest.mark.parametrize("rippling", [True, nightly(False)])
 @pytest.mark.parametrize("name", ["rv-40e", "standard"])
 def test_running_loop_is_the_true_one_where_the_angle_is_outermost(name, rippling):
     parameters = TwinParameters.draw("nominal", 5, reducer=name)

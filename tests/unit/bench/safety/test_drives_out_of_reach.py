@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from tests.support.draws import nightly
 from tests.unit.bench.test_bench_devices import play, ready
 
 from torquebench.bench.drivers.base import DriverSet
@@ -65,7 +66,7 @@ def wired(wires: dict[str, Wire], *, blocking: bool) -> Callable[[DriverSet], Dr
     return wrap
 
 
-@pytest.mark.parametrize(("blocking", "late_s"), [(False, 0.0), (True, 0.0), (True, 0.5)])
+@pytest.mark.parametrize(("blocking", "late_s"), [(False, 0.0), nightly(True, 0.0), (True, 0.5)])
 def test_a_drive_out_of_reach_is_left_to_its_watchdog_and_the_bench_is_safe_when_it_is_read(
     open_bench: OpenBench, blocking: bool, late_s: float
 ) -> None:
