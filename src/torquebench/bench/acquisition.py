@@ -48,6 +48,10 @@ buffer counts as empty.
 """
 HELD_BLOCKS = 20
 """Largest number of blocks that are compensated and recorded together in fast time."""
+REST_CHECK_S = 0.05
+"""Longest interval between two checks of the signals while no drive has power, s."""
+COOLING_S = 1.0
+"""Time after the last drive went off until the signals are checked less often, s of bench time."""
 JOINED_S = 1.0
 """Length of the blocks that are kept for viewers that begin earlier, s."""
 DEMAND_POLL_S = 0.05
@@ -96,6 +100,8 @@ class Acquisition:
         # In fast simulated time nobody can react between blocks.
         slice_s = max(description.safety.fast_check_s, drivers.shortest_read_s)
         self._slices = 1 if clock.fast else max(1, int(self._block_s / slice_s + 1e-9))
+        self._rest_slices = max(1, int(REST_CHECK_S * self._slices / self._block_s + 1e-9))
+        self._powered_s = -math.inf
         self._index = 0
         self._lock = threading.RLock()
         self._channels: dict[str, Channel] = {}
@@ -188,7 +194,7 @@ class Acquisition:
             while not self._stopping.is_set():
                 if not self._clock.wait_for_demand(DEMAND_POLL_S):
                     continue
-                if not self._paced(1.0 / self._slices):
+                if not self._paced(self._next_slices(0) / self._slices):
                     continue
                 with self._supervisor.guarding_block(), collecting_later():
                     self._step()
@@ -207,6 +213,18 @@ class Acquisition:
                     Message("acquisition has ended: {error}", error), "", "open the bench again"
                 )
             )
+
+    def _next_slices(self, read: int) -> int:
+        """Return how many slices of a block are read at once, after those that have been read.
+
+        While no drive has power there is nothing to switch off: long slices save processor time. A
+        drive that is switched on waits for the end of the present block, see `DriveSwitch`.
+        """
+        if self._commands.any_powered:
+            self._powered_s = self._clock.now()
+        if self._clock.now() - self._powered_s <= COOLING_S:
+            return 1
+        return min(self._rest_slices, self._slices - read)
 
     def _paced(self, share: float) -> bool:
         """Wait until the wall clock reaches simulated time; return False when acquisition ends."""
@@ -242,20 +260,22 @@ class Acquisition:
 
         A backlog is read in one request: block by block it would never be worked off.
         """
-        counter, count = self._drivers.counter, self._slices
+        counter = self._drivers.counter
         if not self._drivers.simulated_time:
             late_blocks = int(min(self._clock.late_s, LONGEST_READ_S) / self._block_s)
             if late_blocks >= LATE_BLOCKS:
                 return counter.read_block(late_blocks * self._block_s)
-        if count == 1:
+        if self._slices == 1:
             return counter.read_block(self._block_s)
-        parts = []
-        for number in range(count):
-            if number:  # the first slice has already been waited for
-                self._paced((number + 1) / count)
-            parts.append(counter.read_block(self._block_s / count))
+        parts: list[Block] = []
+        read = 0
+        while read < self._slices:
+            count = self._next_slices(read)
+            read += count
+            self._paced(read / self._slices)
+            parts.append(counter.read_block(self._block_s * count / self._slices))
             self._supervisor.check_edges(parts[-1], self._channels)
-        return Block.join(parts)
+        return Block.join(parts) if len(parts) > 1 else parts[0]
 
     def _hand_on(self, block: Block) -> None:
         """Compensate and record a block; in fast time, several blocks together."""

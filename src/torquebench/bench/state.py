@@ -214,3 +214,8 @@ class CommandState:
     def any_enabled(self) -> bool:
         """Whether a drive has power."""
         return self.input.enabled or self.output.enabled
+
+    @property
+    def any_powered(self) -> bool:
+        """Whether a drive has power, or may have it because it is being switched on."""
+        return self.any_enabled or self.input.switching or self.output.switching

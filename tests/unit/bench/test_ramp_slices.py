@@ -10,6 +10,8 @@ import pytest
 from bluesky.utils import Msg
 
 from torquebench.bench import default_bench
+from torquebench.bench.acquisition import COOLING_S
+from torquebench.bench.blocks import Block
 from torquebench.bench.devices import RampTo
 from torquebench.bench.devices.drive import SHORTEST_SLICE_S, slice_s
 from torquebench.bench.drivers.simulated.driver import DriveEvent, SimulatedDrive
@@ -88,6 +90,44 @@ def test_a_stop_within_a_ramp_is_the_last_command(tmp_path: Path) -> None:
     zero = next(k for k, event in enumerate(events) if event.startswith("to zero"))
     assert not any(event.startswith("torque to") for event in events[zero:]), events
     assert abs(loaded[0]) <= limit_nm
+
+
+def test_signals_are_checked_often_before_a_drive_has_power_and_until_it_is_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lengths: list[float] = []
+    marks: dict[str, int] = {}
+
+    def using(station: Station) -> Plan:
+        power = station.devices.output.drive.power
+        yield from bps.sleep(0.3)
+        marks["rest"] = len(lengths)
+        yield from set_up(station)
+        yield from bps.sleep(0.2)
+        yield from bps.mv(power, False)
+        marks["off"] = len(lengths)
+        yield from bps.sleep(COOLING_S + 0.3)
+
+    with opened(tmp_path) as station:
+        counter, drive = station.drivers.counter, station.drivers.drives["output"]
+        read_block, enable = counter.read_block, drive.enable
+
+        def reading(duration_s: float) -> Block:
+            lengths.append(round(duration_s, 6))
+            return read_block(duration_s)
+
+        def enabling() -> None:
+            marks["power"] = len(lengths)
+            enable()
+
+        monkeypatch.setattr(counter, "read_block", reading)
+        monkeypatch.setattr(drive, "enable", enabling)
+        station.run(using(station), kind="loaded")
+        block_s = station.description.counter.block_s
+        check_s = station.description.safety.fast_check_s
+    assert set(lengths[: marks["rest"]]) == {block_s}
+    assert set(lengths[marks["power"] - 1 : marks["off"]]) == {check_s}
+    assert lengths[-1] == block_s
 
 
 @pytest.mark.parametrize("rate", [1.0, 1e3, 1e6])

@@ -204,17 +204,15 @@ class DriveSwitch(StandardReadable):
             The drive doesn't confirm that it was switched on or off; that is an alarm.
         """
         context, side = self._context, self._side
-        drive, commands = context.drivers.drives[side], context.commands.side(side)
+        commands = context.commands.side(side)
         if value:
             check_enable(context.state, side)
             commands.switching = True
             try:
-                await context.tell_drive(side, "switch on", drive.enable)
-                commands.at_zero(context.clock.now())
-                commands.on()
-            except BaseException:  # a drive that failed to enable may still have power
-                await self._disable()
-                raise
+                if not context.clock.fast:  # from the next block on, signals are checked often
+                    await context.clock.sleep(context.description.counter.block_s)
+                    check_enable(context.state, side)
+                await self._enable()
             finally:
                 commands.switching = False
             return
@@ -240,6 +238,18 @@ class DriveSwitch(StandardReadable):
             lasts_s = planned.ramp(side, "torque", 0.0) + planned.ramp(side, "speed", 0.0)
         planned.power[side] = value
         return lasts_s
+
+    async def _enable(self) -> None:
+        """Switch the drive's power on, at zero torque; a drive that fails may still have power."""
+        context, side = self._context, self._side
+        commands = context.commands.side(side)
+        try:
+            await context.tell_drive(side, "switch on", context.drivers.drives[side].enable)
+            commands.at_zero(context.clock.now())
+            commands.on()
+        except BaseException:
+            await self._disable()
+            raise
 
     async def _disable(self) -> None:
         """Switch the drive's power off; if that fails, it counts as still on."""

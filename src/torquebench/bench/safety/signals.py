@@ -212,9 +212,10 @@ class SignalJudge:
         memory.edges_until_s = now_s - (edges.stop_tick - int(ticks[-1])) / edges.timebase_hz
         torque = channel.torque(frequency)
         self._torque(channel.side, name, abs(torque))
-        before, memory.before_slice = memory.before_slice, (now_s, torque)
+        middle_s = now_s - 0.5 * edges.duration_s  # slices of a bench at rest are longer
+        before, memory.before_slice = memory.before_slice, (middle_s, torque)
         if before is not None:
-            self._torque_rate(channel.side, name, abs(torque - before[1]) / (now_s - before[0]))
+            self._torque_rate(channel.side, name, abs(torque - before[1]) / (middle_s - before[0]))
 
     def _turn(self, side: Side, angle: Record) -> None:
         """Check the angle of a shaft since the last sample of its encoder."""
