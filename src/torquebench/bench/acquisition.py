@@ -220,11 +220,13 @@ class Acquisition:
         While no drive has power there is nothing to switch off: long slices save processor time. A
         drive that is switched on waits for the end of the present block, see `DriveSwitch`.
         """
+        return min(self._rest_slices if self._resting() else 1, self._slices - read)
+
+    def _resting(self) -> bool:
+        """Return whether no drive has had power lately."""
         if self._commands.any_powered:
             self._powered_s = self._clock.now()
-        if self._clock.now() - self._powered_s <= COOLING_S:
-            return 1
-        return min(self._rest_slices, self._slices - read)
+        return self._clock.now() - self._powered_s > COOLING_S
 
     def _paced(self, share: float) -> bool:
         """Wait until the wall clock reaches simulated time; return False when acquisition ends."""
@@ -284,10 +286,19 @@ class Acquisition:
             if self._held and not block.follows(self._held[-1]):
                 failure = self._release()
             self._held.append(block)
-            due = not self._clock.fast or len(self._held) >= HELD_BLOCKS
-            if due or self._clock.wakes(block.stop_s):
+            if self._due(block.stop_s):
                 failure = self._release() or failure
         self._raise_alarm(failure)
+
+    def _due(self, stop_s: float) -> bool:
+        """Return whether the held blocks are compensated now: on time, but no more than needed."""
+        if self._clock.fast:
+            return len(self._held) >= HELD_BLOCKS or self._clock.wakes(stop_s)
+        if self._journal is not None or not self._resting():
+            return True
+        patience_s = min((viewer.patience_s for viewer in self._viewers), default=JOINED_S)
+        held_s = stop_s - self._held[0].start_s
+        return held_s > patience_s - 1e-9 or (self._clock.sleeping and self._clock.wakes(stop_s))
 
     def _release(self) -> Exception | None:
         """Compensate and record the held blocks; return the journal's failure."""

@@ -141,12 +141,14 @@ def fault_of(record: Record) -> SignalFaultKind:
 class Viewer:
     """Bounded queue of blocks for a viewer: it drops the oldest blocks and counts them.
 
-    `waits` lets acquisition wait for room instead, for fast simulated time only.
+    `waits` lets acquisition wait for room instead, for fast simulated time only. `patience_s` is
+    for how long blocks of a bench at rest may be held back, to be evaluated together.
     """
 
     maximum: int = 100
     waits: bool = False
     dropped: int = 0
+    patience_s: float = 0.0
     _blocks: deque[Block] = field(default_factory=deque)
     _condition: threading.Condition = field(default_factory=threading.Condition)
 

@@ -51,6 +51,10 @@ STALE_AFTER_S = 1.0
 """Time without a new value after which a signal counts as stale, s of wall time."""
 UNCERTAINTY_S = 0.2
 """Interval of bench time at which U is computed, s; it changes slowly, and costs most of a row."""
+WATCHED_S = 2.0
+"""Time after the last request for which rows are made at once, s of wall time."""
+UNWATCHED_S = 0.5
+"""Interval at which the rows of a bench at rest are made while nobody requests them, s."""
 ROWS = 3600
 FACTORS = (10, 4)
 """Number of rows merged from level to level. With blocks of 30 ms, the levels hold 108 s of every
@@ -163,6 +167,7 @@ class LiveHub:
         self._viewer = viewer
         self._mounted = mounted
         self._lock = threading.Condition()
+        self._watched_at = -math.inf
         self._memory = TrendMemory(len(SIGNALS), ROWS, FACTORS)
         self._newest = np.full(len(SIGNALS), np.nan)
         self._seen_at = np.full(len(SIGNALS), -np.inf)
@@ -190,6 +195,8 @@ class LiveHub:
 
     def _run(self) -> None:
         while not self._ended.is_set():
+            watched = time.monotonic() - self._watched_at < WATCHED_S
+            self._viewer.patience_s = 0.0 if watched else UNWATCHED_S
             block = self._viewer.get(timeout_s=0.2)
             if block is not None:
                 self.take(block)
@@ -280,9 +287,15 @@ class LiveHub:
 
     # -- for watchers -----------------------------------------------------------------------
 
+    def _watch(self) -> None:
+        """Note that somebody requests rows: from the next block on, they are made at once."""
+        self._watched_at = time.monotonic()
+        self._viewer.patience_s = 0.0
+
     @property
     def sequence(self) -> int:
         """Number of rows so far."""
+        self._watch()
         return self._memory.levels[0].count
 
     @property
@@ -299,10 +312,12 @@ class LiveHub:
     @property
     def age_s(self) -> float:
         """Wall time since the last block, s."""
+        self._watch()
         return time.monotonic() - self._block_at
 
     def wait_beyond(self, time_s: float, timeout_s: float = STALE_AFTER_S) -> bool:
         """Wait for a row that ends after a bench time; return whether it arrived in time."""
+        self._watch()
         with self._lock:
             return self._lock.wait_for(lambda: self._bench_s > time_s, timeout_s)
 
@@ -368,6 +383,7 @@ class LiveHub:
                 Message("signal {name!r}", signal[:80]),
                 Message("one of {list}", ", ".join(TORQUE_SIGNALS)),
             )
+        self._watch()
         found = self._windows[signal].window(start_s, np.nextafter(stop_s, np.inf))
         if found is None:
             return SignalWindows(np.empty(0), np.empty(0))
@@ -375,6 +391,7 @@ class LiveHub:
 
     def latest(self) -> dict[str, LatestValue]:
         """Return the newest value of every signal with its age."""
+        self._watch()
         now = time.monotonic()
         with self._lock:
             newest, seen, faults = self._newest.copy(), self._seen_at.copy(), self._faults
