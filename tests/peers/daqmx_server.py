@@ -1,6 +1,7 @@
 """A counter card behind the NI gRPC Device Server's service, by its own messages."""
 # ruff: noqa: ARG002, N802 - names and parameters are the service's
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -15,6 +16,8 @@ from nidaqmx._stubs import nidaqmx_pb2 as messages
 from nidaqmx._stubs import nidaqmx_pb2_grpc as services
 
 TIMEBASE_HZ = 100_000_000
+STEP_S, KEPT = 0.001, 2000
+"""Distance of the times at which the phase of a changing frequency is known, and their number."""
 RESERVED, NO_TASK, NO_CHANNEL = -50103, -200088, -200170
 
 
@@ -28,6 +31,7 @@ class _Task:
         self.inputs: list[tuple[str, str]] = []
         self.triggers: list[str] = []
         self.phases = [(0.0, 0.0)]
+        self.seen_hz: float | None = None
 
 
 class CounterCardPeer(services.NiDAQmxServicer):
@@ -90,9 +94,16 @@ class CounterCardPeer(services.NiDAQmxServicer):
         if task.kind == "period":
             if not callable(self.frequency_hz):
                 return int(self._passed_s() * self.frequency_hz)
-            now_s = self._passed_s()
+            now_s, found_hz = self._passed_s(), self.frequency_hz(task.counter)
             since_s, phase = task.phases[-1]
-            task.phases.append((now_s, phase + (now_s - since_s) * self.frequency_hz(task.counter)))
+            before_hz = found_hz if task.seen_hz is None else task.seen_hz
+            # A reader that comes late, or seldom, doesn't find a ramp in steps.
+            passed_s = (now_s - since_s) * np.linspace(
+                0.0, 1.0, 1 + math.ceil((now_s - since_s) / STEP_S)
+            )[1:]
+            mean_hz = before_hz + 0.5 * (found_hz - before_hz) * passed_s / (now_s - since_s)
+            task.phases += zip(since_s + passed_s, phase + mean_hz * passed_s, strict=True)
+            task.seen_hz = found_hz
             return int(task.phases[-1][1])
         if task.kind == "encoder" and self.counts is not None:
             task.phases.append((self._passed_s(), self.counts(task.counter)))
@@ -211,7 +222,7 @@ class CounterCardPeer(services.NiDAQmxServicer):
         if not callable(self.frequency_hz):
             return [round(n / self.frequency_hz * TIMEBASE_HZ) for n in numbers]
         times, phases = np.array(task.phases).T
-        del task.phases[:-50]
+        del task.phases[:-KEPT]
         found: list[int] = (
             np.rint(np.interp(numbers, phases, times) * TIMEBASE_HZ).astype(int).tolist()
         )
@@ -237,7 +248,7 @@ class CounterCardPeer(services.NiDAQmxServicer):
             values = [round(n / task.rate_hz * self.counts_per_s) % 2**32 for n in numbers]
         else:
             times_s, counts = np.array(task.phases).T
-            del task.phases[:-50]
+            del task.phases[:-KEPT]
             found = np.interp(np.array(numbers) / task.rate_hz, times_s, counts)
             values = [int(count) % 2**32 for count in np.rint(found)]
         return messages.ReadCounterU32ExResponse(
