@@ -1,4 +1,5 @@
 import threading
+import time
 from collections.abc import Callable, Iterable
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -341,12 +342,45 @@ def test_an_instrument_that_fails_ends_acquisition_and_wakes_whoever_waits(
 
 
 def test_real_time_follows_the_wall(open_bench: OpenBench) -> None:
-    import time
-
     with open_bench(real_time=True) as bench:
         started = time.monotonic()
         bench.clock.wait(0.5)
         assert time.monotonic() - started > 0.4
+
+
+def test_blocks_of_a_bench_at_rest_are_held_for_patient_viewers(
+    open_bench: OpenBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with open_bench(real_time=True, safety__stall_s=60.0) as bench:
+        evaluator, held = bench.acquisition._evaluator, []
+        compensate = evaluator.compensate
+
+        def compensating(blocks: list[Block], *others: Any) -> Block:
+            held.append(len(blocks))
+            return compensate(blocks, *others)
+
+        def largest_held(duration_s: float) -> int:
+            """Return how many blocks were held at most after the first ones."""
+            del held[:]
+            stop_s = bench.clock.now() + duration_s
+            while bench.clock.now() < stop_s:  # a sleeper would have them released
+                time.sleep(0.01)
+            return max(held[1:], default=0)
+
+        monkeypatch.setattr(evaluator, "compensate", compensating)
+        viewer = bench.acquisition.add_viewer(1000)
+        assert largest_held(0.6) == 1
+        viewer.patience_s = 0.5
+        assert largest_held(1.5) == 10
+        bench.acquisition.add_viewer(1000)
+        assert largest_held(0.6) == 1, "another viewer waits"
+        bench.load_output(100.0)
+        assert largest_held(0.6) == 1
+        seen = []
+        while (block := viewer.get(0.0)) is not None:
+            seen.append((block.start_s, block.stop_s))
+    for (_, stop_s), (start_s, _) in pairwise(seen):
+        assert start_s == pytest.approx(stop_s, abs=1e-9)
 
 
 def test_closing_leaves_no_thread(open_bench: OpenBench) -> None:
