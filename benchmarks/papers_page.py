@@ -1,8 +1,8 @@
 """Page of the documentation about the papers, with figures measured on simulated benches.
 
-``python -m benchmarks.papers_page --write`` does what ``torquebench papers`` does and writes
-docs/explanation/papers-item-by-item.md and docs/images/papers. ``--tables FOLDER`` takes the tables
-that ``torquebench papers-tables`` wrote instead of measuring.
+``python -m benchmarks.papers_page --write`` does what ``torquebench papers --whole`` does, and
+writes docs/explanation/papers-item-by-item.md and docs/images/papers. ``--tables FOLDER`` takes the
+tables that ``torquebench papers-tables`` wrote instead of measuring.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ PAGE = DOCS / "explanation" / "papers-item-by-item.md"
 IMAGES = DOCS / "images" / "papers"
 INTRODUCTION = """\
 *Simulated. Written by `python -m benchmarks.papers_page --write`, which does what \
-[`torquebench papers`](source-papers.md) does; tables of more than 24 cells are only there. \
-Verdicts on simulated benches say what the method can reach, not what a real bench does.*
+[`torquebench papers --whole`](source-papers.md) does; tables of more than 24 cells are only \
+there. Verdicts on simulated benches say what the method can reach, not what a real bench does.*
 
 """
 LARGEST_TABLE = 24
@@ -111,12 +111,12 @@ def _section(section: Section, images: Path) -> Iterator[str]:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the page, and write it."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--tables", type=Path)
+    parser.add_argument("--tables", type=Path, nargs="*", default=())
     parser.add_argument("--out", type=Path, help="folder for the page as HTML and PDF")
     parser.add_argument("--write", action="store_true")
     chosen = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
-        request = PapersRequest(tables=chosen.tables)
+        request = PapersRequest(tables=tuple(chosen.tables), whole=True)
         page = papers_page_of(request, Path(folder) / "papers.study", NO_PROGRESS)
     if chosen.out is not None:
         for kind in ("html", "pdf"):

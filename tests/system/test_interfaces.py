@@ -76,6 +76,7 @@ POSSIBLE: dict[str, dict[str, Any]] = {
     "evaluate lubrication": {"run": "empty.csv", "model": CHAIN, "out": "renewed.json"},
     "doctor": {},
     "mechanics additional-torque": {"design": "input"},
+    "papers": {"tables": [STATIC["table"]], "study": False, "out": ["papers.html", "papers.pdf"]},
     "mechanics sections": {},
     "records list": {"kind": "calibrations"},
     "records show": {"name": "calibration-1"},
@@ -166,6 +167,7 @@ REFUSED: dict[str, dict[str, Any]] = {
     "in-place": {"side": "middle"},
     "papers-tables": {"reducer": "rv-40e"},
     "mechanics additional-torque": {"design": "none"},
+    "papers": {"tables": [READINGS]},
     "mechanics supports": {"arm_height": 0.9},
     "records list": {"kind": "nonsense"},
     "records show": {"name": "calibration-99"},
@@ -255,10 +257,10 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _placed(name: str, value: Any, interfaces: Interfaces, folder: Path) -> Any:
     """Return a request's value with paths, and the names of runs."""
+    if isinstance(value, list):
+        return [_placed(name, each, interfaces, folder) for each in value]
     if name == "out":
         return str(folder / value)
-    if isinstance(value, list):
-        return [_placed("", each, interfaces, folder) for each in value]
     if value in MADE:
         return str(interfaces.folder / value)
     if str(value).startswith("run of "):

@@ -22,7 +22,7 @@ THEIRS = re.compile(r"Papers: (.*?)\. Here: ", re.DOTALL)
 
 @pytest.mark.nightly
 def test_a_quick_page_of_the_simulated_bench(tmp_path: Path) -> None:
-    result = run("papers", "--quick", "--no-study", "--out", "a.pdf", cwd=tmp_path)
+    result = run("papers", "--no-study", "--out", "a.pdf", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert widest_line(result.stdout) <= 80
     assert "- simulated" in result.stdout
@@ -32,7 +32,6 @@ def test_a_quick_page_of_the_simulated_bench(tmp_path: Path) -> None:
 
 @pytest.mark.nightly
 def test_tables_of_a_bench_over_sockets_make_the_page(tmp_path: Path) -> None:
-    page = ("papers", "--quick", "--no-study")
     with simulating(tmp_path) as (bench, _):
         mounted = ("--mounting", "coaxiality_mm=0.012", "--mounting", "lubricant=oil 7")
         result = run(
@@ -40,7 +39,7 @@ def test_tables_of_a_bench_over_sockets_make_the_page(tmp_path: Path) -> None:
             cwd=tmp_path,
         )
     assert result.returncode == 0, result.stderr
-    made = run(*page, "--tables", "tables", "--out", "a.html", cwd=tmp_path)
+    made = run("papers", "tables", "--no-study", "--out", "a.html", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     first = (tmp_path / "a.html").read_text()
 
@@ -70,7 +69,7 @@ OF_THE_FIRST_BENCH = (*range(1, 14), *range(19, 23))
 @pytest.mark.timeout(1800)
 def test_the_documentations_page_has_the_figures_of_this_version(tmp_path: Path) -> None:
     """Otherwise: python -m benchmarks.papers_page --write."""
-    command = [COMMAND, "papers", "--seeds", "1", "--no-study", "--out", "a.html"]
+    command = [COMMAND, "papers", "--whole", "--seeds", "1", "--no-study", "--out", "a.html"]
     result = prepared().run(command, tmp_path, environment(), 1500.0)
     assert result.returncode == 0, result.stderr
     text = unescape(re.sub(r"<[^>]+>", "", words((tmp_path / "a.html").read_text())))
@@ -94,7 +93,7 @@ def _same(shown: str, measured: str) -> bool:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["papers", "--tables", "none"], "no folder none"),
+        (["papers", "none"], "no folder none"),
         (["papers", "--out", "page.docx"], "page.docx"),
         (["papers-tables", "--reducer", "rv-40e"], "no certified_friction"),
     ],

@@ -246,21 +246,29 @@ def run_tables(place: Place, request: PapersTablesRequest, progress: Progress) -
 class PapersRequest(Request):
     """Reproduce the two source papers item by item: one page with figures, tables and verdicts.
 
-    Simulated benches are measured as `papers-tables` measures a real one, and the results are
-    compared with the papers' claims; `--tables` takes recorded tables instead. After an
+    A simulated bench is measured as `papers-tables` measures a real one, or recorded tables are
+    read, and the results are compared with the papers' claims. By default few points are taken,
+    which needs about a minute of computing; --whole takes all points, at all temperatures, speeds
+    and lubricants, and the whole study, on a computer that has nothing else to do. After an
     interruption, the same command continues with the study's stored results.
     """
 
+    tables: Annotated[
+        tuple[Path, ...],
+        field(
+            "Recorded tables (CSV, TDMS, …) instead of simulated benches: a folder, or its files.",
+            argument=True,
+        ),
+    ] = ()
     out: Annotated[
         tuple[Path, ...],
         field("The page to write, .html or .pdf. May be repeated.", output=(".html", ".pdf")),
     ] = (Path("torquebench-papers.html"), Path("torquebench-papers.pdf"))
-    tables: Annotated[
-        Path | None, field("Folder of recorded tables (CSV or TDMS) instead of simulated benches.")
-    ] = None
-    seeds: Annotated[int, field("How many simulated benches are measured.", ge=1, le=50), WHOLE] = 3
+    whole: Annotated[Flag, field("All points, several benches, and the whole study.")] = False
+    seeds: Annotated[
+        int, field("How many simulated benches the whole page measures.", ge=1, le=50), WHOLE
+    ] = 3
     study: Annotated[Flag, field("Study when BP beats the polynomial.")] = True
-    quick: Annotated[Flag, field("Few points, one bench; takes about a minute.")] = False
 
 
 @dataclass(frozen=True)
@@ -276,12 +284,14 @@ class Reproduced(Result):
     """The items of the source papers."""
 
     items: Sequence[ReproducedItem]
+    described: Page = data_field(metadata=HIDDEN)
 
     def page(self) -> Page:
-        """Return the items with their verdicts."""
+        """Return the items with their verdicts, and the sections of the page as details."""
         rows = [(each.item, each.verdict) for each in self.items]
         table = Table(("item", "met or not"), rows, words=True)
-        return Page(self.headline, "", [Section("", "", [table])], simulated=self.simulated)
+        details = [replace(section, detail=True) for section in self.described.sections]
+        return replace(self.described, sections=[Section("", "", [table]), *details])
 
 
 def check_papers(_place: Place, request: PapersRequest) -> Iterable[str]:
@@ -291,7 +301,7 @@ def check_papers(_place: Place, request: PapersRequest) -> Iterable[str]:
 
     for path in request.out:
         check_suffix(path)
-    if request.tables is not None:
+    if request.tables:
         read_tables(request.tables)
     return ()
 
@@ -319,6 +329,7 @@ def run_papers(place: Place, request: PapersRequest, progress: Progress) -> Repr
         simulated=page.simulated,
         files=tuple(map(str, written)),
         items=[ReproducedItem(item, verdict) for item, _, verdict in headings if item],
+        described=page,
     )
 
 
@@ -331,17 +342,17 @@ def papers_page_of(request: PapersRequest, file: Path, progress: Progress) -> Pa
     from torquebench.papers.tables import measure_tables, read_tables
     from torquebench.station import Station
 
-    quick = request.quick
+    quick = not request.whole
     with contextlib.ExitStack() as opened:
         pool = opened.enter_context(workers())
         conditions = []
-        if request.tables is None and not quick:
+        if request.whole and not request.tables:
             first = seeded(default_bench(), 1)
             conditions = [pool.submit(measured_at, first, each) for each in CONDITIONS]
         computed = page_study(pool, file, quick=quick) if request.study else None
-        tables = [] if request.tables is None else [read_tables(request.tables)]
+        tables = [read_tables(request.tables)] if request.tables else []
         for number in range(1, 2 if quick else request.seeds + 1):
-            if request.tables is not None:
+            if request.tables:
                 break
             settings = replace(_settings(quick), seed=number)
             if number > 1:
@@ -388,9 +399,11 @@ PAPERS_TABLES = Operation(
     can_pause=True,
     activates=True,
 )
-PAPERS = replace(
-    on_files(
-        "papers", PapersRequest, run_papers, lambda _request: "The papers' page", check_papers
-    ),
-    local=True,
+PAPERS = on_files(
+    "papers",
+    PapersRequest,
+    run_papers,
+    lambda _request: "The papers' page",
+    check_papers,
+    quick=False,
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,7 +18,7 @@ from torquebench.errors import BenchError, InputError, TorquebenchError
 from torquebench.message import Message
 from torquebench.operations import EndedError
 from torquebench.processes import end_with_parent, limit_process
-from torquebench.progress import NO_PROGRESS, NoProgress, Progress
+from torquebench.progress import NO_PROGRESS, Progress
 
 __all__ = ["run_in_process"]
 
@@ -44,6 +45,7 @@ def run_in_process(
     progress: Progress = NO_PROGRESS,
     cancelled: Callable[[], str] = str,
     folder: Path | None = None,
+    job: bool = False,
 ) -> Result:
     """Call a function in a separate process and wait for its result.
 
@@ -59,6 +61,9 @@ def run_in_process(
         Called every 0.2 s; returns why the process ends, or an empty text.
     folder : path, optional
         The process's working directory, with foreign files: memory and processor time are limited.
+    job : bool
+        Whether a person watches it and can end it: its processor time isn't limited, and it may
+        start processes of its own.
 
     Raises
     ------
@@ -70,7 +75,7 @@ def run_in_process(
         The process died, or the function failed otherwise.
     """
     with _server():
-        return _run(function, arguments, progress, cancelled, folder)
+        return _run(function, arguments, progress, cancelled, folder, job=job)
 
 
 def _run(
@@ -79,14 +84,16 @@ def _run(
     progress: Progress,
     cancelled: Callable[[], str],
     folder: Path | None,
+    *,
+    job: bool,
 ) -> Result:
     context = _context()
     here, there = context.Pipe()
     process = context.Process(
         target=_work,
-        args=(there, function, arguments, folder),
+        args=(there, function, arguments, folder, None if job else MOST_S),
         name="torquebench-computation",
-        daemon=True,
+        daemon=not job,
     )
     process.start()
     there.close()
@@ -102,12 +109,11 @@ def _run(
                 raise BenchError(
                     "the computing process ended without a result", "", "look at the free memory"
                 ) from None
-            if kind == "progress":
-                progress.reach(*content)
-            elif kind == "failed":
+            if kind == "failed":
                 raise content
-            else:
+            if kind == "done":
                 return content  # type: ignore[no-any-return]
+            getattr(progress, kind)(*content)
     finally:
         here.close()
         process.terminate()
@@ -164,24 +170,37 @@ def _end_idle_server() -> None:
             forkserver._forkserver._stop()  # type: ignore[attr-defined]
 
 
-class _Sent(NoProgress):
+class _Sent:
     """Sends progress to the waiting process."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe = pipe
 
+    def start(self, title: str, total: int | None = None) -> None:
+        """Send the beginning of a stage."""
+        self._pipe.send(("start", (title, total)))
+
     def reach(self, done: int, detail: str = "") -> None:
         """Send the number of finished steps."""
-        self._pipe.send(("progress", (done, detail)))
+        self._pipe.send(("reach", (done, detail)))
+
+    def finish(self, detail: str = "") -> None:
+        """Send the end of a stage."""
+        self._pipe.send(("finish", (detail,)))
 
 
 def _work(
-    pipe: Connection, function: Callable[..., Any], arguments: tuple[Any, ...], folder: Path | None
+    pipe: Connection,
+    function: Callable[..., Any],
+    arguments: tuple[Any, ...],
+    folder: Path | None,
+    most_s: float | None,
 ) -> None:
     end_with_parent()
     if folder is not None:
         os.chdir(folder)
-        limit_process(MOST_MB, MOST_S)
+        os.environ["TMPDIR"] = tempfile.tempdir = str(folder)  # an ended process leaves its files
+        limit_process(MOST_MB, most_s)
     if hasattr(os, "setpriority"):
         os.setpriority(os.PRIO_PROCESS, 0, NICE)  # the bench's priority is inherited
     try:

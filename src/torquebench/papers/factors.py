@@ -24,9 +24,9 @@ from torquebench.compensation import CompensationModel, make_model
 from torquebench.dynamics import Known, design_inverse, identify
 from torquebench.figures import Curve
 from torquebench.procedures.turning.profile import RandomPoints, load_turning_profile
-from torquebench.reports.curve_figures import Panel, panels_figure
+from torquebench.reports.curve_figures import Panel
 from torquebench.reports.errors_table import number
-from torquebench.reports.page import Block, Figure, Table
+from torquebench.reports.page import Block, Diagram, Table
 from torquebench.station import Station
 from torquebench.tables import read_calibration, read_empty_run
 from torquebench.units import DEG_PER_RAD, MS_PER_S, TURN
@@ -276,8 +276,7 @@ def changing_torque() -> tuple[float, float, list[Block]]:
             f"{designed.bandwidth_hz:.0f} Hz (-3 dB) and its values come "
             f"{MS_PER_S * designed.delay_s:.1f} ms later, each with the time of its torque.",
         ),
-        Figure(panels_figure([panel], height=2.2), "A step of torque that wasn't used to identify "
-               "the chain."),
+        Diagram([panel], "A step of torque that wasn't used to identify the chain.", height=2.2),
     ]  # fmt: skip
 
 

@@ -107,7 +107,7 @@ def write_rows(path: Path, rows: Iterable[Iterable[object]]) -> Path:
     return path
 
 
-def read_rows(path: Path, columns: int) -> list[list[str]]:
+def read_rows(path: Path | None, columns: int) -> list[list[str]]:
     """Read the rows of a CSV file below its header; a missing file has none.
 
     Raises
@@ -115,7 +115,7 @@ def read_rows(path: Path, columns: int) -> list[list[str]]:
     InputError
         A row has another number of cells.
     """
-    if not path.is_file():
+    if path is None:
         return []
     try:
         rows = [row for row in csv.reader(io.StringIO(path.read_text("utf-8-sig"))) if row]

@@ -147,7 +147,7 @@ _ITEMS = (
         "BP against polynomial",
         "BP: below 1.8 N·m (0.09 % FS of 2000 N·m); polynomial: up to 4 N·m (0.20 %); in total "
         "0.1 %",
-        "torquebench papers --study",
+        "torquebench papers --whole",
     ),
     Item(
         16,

@@ -45,16 +45,16 @@ from torquebench.papers.study import CHAINS, CLAIMED_RATIO, NETWORK_NM, POLYNOMI
 from torquebench.papers.tables import BenchTables, FrictionTable
 from torquebench.reducers import CertifiedFriction, FrictionCheck, check_friction
 from torquebench.reports.calibration_report import error_curves, loading_figures
-from torquebench.reports.curve_figures import Panel, panels_figure
+from torquebench.reports.curve_figures import Panel
 from torquebench.reports.errors_table import number
-from torquebench.reports.page import Facts, Figure, Page, Section, Table
+from torquebench.reports.page import Diagram, Facts, Page, Section, Table
 from torquebench.reports.reducers.standard import (
     friction_check_table,
     friction_diagram,
 )
 from torquebench.reports.verification_report import (
     Verified,
-    before_after_figure,
+    before_after_diagram,
     kept_words,
     verification_tables,
 )
@@ -362,9 +362,10 @@ def _calibrator(bench: BenchResult) -> tuple[Answer, Blocks]:
         )
     if not panels:
         return Answer("no certificate of the calibrator", "not measured", "give its CSV file"), []
-    figure = Figure(
-        panels_figure(panels, columns=2),
+    figure = Diagram(
+        panels,
         "Errors of the calibrator at its certified points, corrected in every calibration.",
+        columns=2,
     )
     return Answer("; ".join(words), "met", "two outputs, errors corrected between points"), [figure]
 
@@ -391,7 +392,7 @@ def _polynomials(bench: BenchResult) -> Blocks:
         c2, c1, c0 = np.polyfit(grid / data.range_nm, torque, 2)
         rows.append([side, *(number(value, 5) for value in (c0, c1, c2))])
     return [
-        Figure(panels_figure(panels, columns=2), "The polynomial through the rising points."),
+        Diagram(panels, "The polynomial through the rising points.", columns=2),
         Table(
             ("module", "c0, N·m", "c1, N·m", "c2, N·m"),
             rows,
@@ -450,11 +451,12 @@ def _loading(bench: BenchResult) -> Blocks:
                 " Below, the first of them in full: each settles, then its windows are averaged."
             )
         blocks.append(
-            Figure(
-                panels_figure(panels, height=2.0),
+            Diagram(
+                panels,
                 f"{side.capitalize()} module: {words} The rising points of each direction are the "
                 "papers' series; the falling ones are measured beside them, because a series that "
                 "only rises can't show hysteresis.",
+                height=2.0,
             )
         )
     return blocks
@@ -466,8 +468,8 @@ def _error_curves(bench: BenchResult) -> Blocks:
         for side, module in bench.modules.items()
     ]
     return [
-        Figure(
-            panels_figure(panels),
+        Diagram(
+            panels,
             "Error curve of each module in both directions: reading minus standard at every step "
             "of the calibration, without compensation.",
         )
@@ -502,10 +504,11 @@ def _training(bench: BenchResult) -> tuple[Answer, Blocks]:
             ("Target error", "none here; item 15 has trainings that end at one"),
         )
     )
-    figure = Figure(
-        panels_figure(panels, columns=2),
+    figure = Diagram(
+        panels,
         "Training of the network in both mappings on the rising points: gradient descent leaves a "
         "larger error with the standard torque, because its output then covers the whole range.",
+        columns=2,
     )
     return Answer(
         "RMS of residuals after 50 000 epochs: " + "; ".join(words),
@@ -554,7 +557,7 @@ def _before_after(bench: BenchResult) -> tuple[Blocks, Answer]:
                 beyond.append(side)
         words.append(f"{title}, {side}: {number(worst)} N·m ({number(percent)} % FS)")
         torque = module.models[name].torque_nm(data.reading_nm, data.branch.astype(np.float64))
-        blocks.append(before_after_figure(data, Verified(title, torque), LIMIT_PERCENT))
+        blocks.append(before_after_diagram(data, Verified(title, torque), LIMIT_PERCENT))
     if not words:
         return [], Answer("no verification", "not measured")
     return blocks, Answer(
@@ -654,7 +657,7 @@ def study_blocks(rows: Sequence[Row], seeds: int) -> tuple[Answer, Blocks]:
     }
     where = "; ".join(f"{words}: {' / '.join(found) or 'none'}" for words, found in holds.items())
     fails = sum(1 for row in networks if row.ratio < 1.0)
-    few = f"; {seeds} chains are few, without --quick there are {CHAINS}" if seeds < CHAINS else ""
+    few = f"; {seeds} chains are few, with --whole there are {CHAINS}" if seeds < CHAINS else ""
     families = f"{seeds} chains of each family, for which the best quadratic has an error of"
     return Answer(
         f"variants of BP with a ratio of {CLAIMED_RATIO:.1f} on most chains: {where}. "

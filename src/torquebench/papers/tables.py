@@ -417,8 +417,8 @@ def _friction_csv(tables: BenchTables) -> str:
     return "\n".join(lines) + "\n"
 
 
-def read_tables(folder: Path) -> BenchTables:
-    """Read a folder of recorded tables.
+def read_tables(paths: Sequence[Path]) -> BenchTables:
+    """Read recorded tables: a folder, or its files.
 
     At least one side needs `calibration-SIDE.csv` (or another format, see `read_table`). Optional
     files are `same-points-SIDE`, `other-points-SIDE`, `alone-SIDE`, `friction-standard-reducer`,
@@ -431,20 +431,24 @@ def read_tables(folder: Path) -> BenchTables:
     InputError
         There is no calibration, or a table is invalid.
     """
-    if not folder.is_dir():
-        raise InputError(Message("no folder {folder}", folder), "a folder of recorded tables")
+    files: dict[str, Path] = {}
+    for each in paths:
+        if not each.exists():
+            raise InputError(Message("no folder {folder}", each), "a folder of recorded tables")
+        files |= {file.name: file for file in ([each] if each.is_file() else each.iterdir())}
+    folder = Message.joined(map(str, paths))
     modules: dict[Side, ModuleTables] = {}
     names: list[str] = []
     for side in SIDES:
         found = {
             kind.replace("-", "_"): read_calibration(path, side=side)
             for kind in _KINDS
-            if (path := _table_file(folder, f"{kind}-{side}")) is not None
+            if (path := _table_file(files, f"{kind}-{side}")) is not None
         }
         if "calibration" in found:
-            certified = _read_numbers(folder / f"certificate-{side}.csv", _CERTIFICATE)
+            certified = _read_numbers(files.get(f"certificate-{side}.csv"), _CERTIFICATE)
             certificate = None if certified is None else ReferenceCertificate(*certified.T)
-            staircase = _read_numbers(folder / f"staircase-{side}.csv", STAIRCASE)
+            staircase = _read_numbers(files.get(f"staircase-{side}.csv"), STAIRCASE)
             modules[side] = ModuleTables(**found, certificate=certificate, staircase=staircase)
         elif found:
             raise InputError(
@@ -460,41 +464,35 @@ def read_tables(folder: Path) -> BenchTables:
             "rename the tables; `torquebench papers-tables` writes an example",
         )
     friction = None
-    path = _table_file(folder, "friction-standard-reducer")
+    path = _table_file(files, "friction-standard-reducer")
     if path is not None:
         friction, name = _read_friction(path)
         names.append(name)
     simulated = any(module.calibration.simulated for module in modules.values())
     return BenchTables(
-        _bench_name(folder) or folder.name,
+        _bench_name(files) or paths[0].stem,
         simulated,
         modules,
         friction,
-        dict(read_rows(folder / FACTS, 2)),
-        tuple(
-            _reducer_value(folder / REDUCER, row)
-            for row in read_rows(folder / REDUCER, len(fields(ReducerValue)))
-        ),
-        tuple(
-            _factor_error(folder / FACTORS, row)
-            for row in read_rows(folder / FACTORS, len(fields(FactorError)))
-        ),
+        dict(read_rows(files.get(FACTS), 2)),
+        tuple(map(_reducer_value, read_rows(files.get(REDUCER), len(fields(ReducerValue))))),
+        tuple(map(_factor_error, read_rows(files.get(FACTORS), len(fields(FactorError))))),
     )
 
 
-def _reducer_value(path: Path, row: Sequence[str]) -> ReducerValue:
+def _reducer_value(row: Sequence[str]) -> ReducerValue:
     test, quantity, *stated, unit = row
-    value, uncertainty = _numbers(path, stated)
+    value, uncertainty = _numbers(REDUCER, stated)
     return ReducerValue(test, quantity, value, uncertainty, unit)
 
 
-def _factor_error(path: Path, row: Sequence[str]) -> FactorError:
+def _factor_error(row: Sequence[str]) -> FactorError:
     side, condition, *stated = row
-    points, *errors = _numbers(path, stated)
+    points, *errors = _numbers(FACTORS, stated)
     return FactorError(side, condition, round(points), *errors)
 
 
-def _numbers(path: Path, cells: Iterable[str]) -> list[float]:
+def _numbers(path: Path | str, cells: Iterable[str]) -> list[float]:
     try:
         return [float(cell) for cell in cells]
     except ValueError as error:
@@ -503,20 +501,19 @@ def _numbers(path: Path, cells: Iterable[str]) -> list[float]:
         ) from error
 
 
-def _read_numbers(path: Path, columns: Sequence[str]) -> FloatArray | None:
-    rows = [_numbers(path, row) for row in read_rows(path, len(columns))]
+def _read_numbers(path: Path | None, columns: Sequence[str]) -> FloatArray | None:
+    rows = [_numbers(str(path), row) for row in read_rows(path, len(columns))]
     return np.array(rows) if rows else None
 
 
-def _table_file(folder: Path, stem: str) -> Path | None:
-    return next((p for e in endings() if (p := folder / f"{stem}{e}").is_file()), None)
+def _table_file(files: Mapping[str, Path], stem: str) -> Path | None:
+    return next((files[name] for e in endings() if (name := f"{stem}{e}") in files), None)
 
 
-def _bench_name(folder: Path) -> str:
-    for path in sorted(folder.glob("calibration-*.csv")):
-        if name := read_table(path).remarks.get("bench"):
-            return name
-    return ""
+def _bench_name(files: Mapping[str, Path]) -> str:
+    names = (f"calibration-{side}.csv" for side in SIDES)
+    read = (read_table(files[name]).remarks.get("bench") for name in names if name in files)
+    return next(filter(None, read), "")
 
 
 def _read_friction(path: Path) -> tuple[FrictionTable, str]:

@@ -7,8 +7,8 @@ import numpy as np
 from torquebench.calibration import CalibrationData
 from torquebench.figures import Curve
 from torquebench.message import Message
-from torquebench.reports.curve_figures import Panel, panels_figure
-from torquebench.reports.page import Figure
+from torquebench.reports.curve_figures import Panel
+from torquebench.reports.page import Diagram
 
 LOADING_LIMIT_PERCENT = 0.1
 """Loading accuracy of the source papers, % of range."""
@@ -27,7 +27,7 @@ def error_curves(data: CalibrationData, title: str = "") -> Panel:
     return Panel(curves, "|torque| in N·m", "error in N·m", range_nm=data.range_nm, title=title)
 
 
-def loading_figures(data: CalibrationData) -> list[Figure]:
+def loading_figures(data: CalibrationData) -> list[Diagram]:
     """Return the deviation of each step from its nominal torque; empty without nominal torques."""
     error = data.loading_error_percent
     if error is None:
@@ -44,4 +44,4 @@ def loading_figures(data: CalibrationData) -> list[Figure]:
         "range.",
         LOADING_LIMIT_PERCENT,
     )
-    return [Figure(panels_figure([panel], height=2.0), caption)]
+    return [Diagram([panel], caption, height=2.0)]

@@ -10,10 +10,10 @@ from torquebench.campaign.results import FitResult
 from torquebench.compensation import Comparison, NetworkModel
 from torquebench.figures import Curve, additional_torque_figure, error_figure
 from torquebench.message import Message
-from torquebench.reports.curve_figures import Panel, panels_figure
+from torquebench.reports.curve_figures import Panel
 from torquebench.reports.errors_table import errors_table, number
 from torquebench.reports.module_report import SOURCES_LIMIT_FS, branch_curves
-from torquebench.reports.page import Drawings, Facts, Page, Section, Table
+from torquebench.reports.page import Diagram, Drawings, Facts, Page, Section, Table
 
 
 def fit_page(result: FitResult) -> Page:
@@ -108,7 +108,7 @@ def _training(result: FitResult) -> list[Section]:
         int(curve[-1, 0]),
         number(float(curve[-1, 1])),
     )
-    drawing = Drawings(lambda: [(panels_figure([panel]), "Training of the network.")])
+    drawing = Diagram([panel], "Training of the network.")
     return [Section("Training", text, (Facts(tuple(parameters)), drawing))]
 
 

@@ -109,11 +109,14 @@ class Diagram:
     caption : str
     height : float
         Height of one diagram on paper in inches, at a width of 7.6.
+    columns : int
+        How many stand beside each other on paper.
     """
 
     panels: Sequence[Panel]
     caption: str
     height: float = 2.6
+    columns: int = 1
     kind: str = field(default="figure", init=False)
 
     @property
@@ -121,7 +124,7 @@ class Diagram:
         """Text of an ``<svg>`` element."""
         from torquebench.reports.curve_figures import panels_figure
 
-        return panels_figure(self.panels, height=self.height)
+        return panels_figure(self.panels, columns=self.columns, height=self.height)
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from torquebench.calibration import CalibrationData, cell_rows
 from torquebench.chain import Effect, Torque
 from torquebench.figures import Curve
-from torquebench.reports.curve_figures import Panel, panels_figure
+from torquebench.message import Message
+from torquebench.reports.curve_figures import Panel
 from torquebench.reports.errors_table import number
-from torquebench.reports.page import Drawings, Facts, Section, Table
+from torquebench.reports.page import Diagram, Facts, Section, Table
 
 MOST_POINTS = 1500
 """Largest number of points in a diagram; longer records are thinned out except the worst points."""
@@ -83,15 +84,19 @@ def turning_section(data: CalibrationData, torque: Torque, tolerance_percent: fl
         for values, label in quantities
         if values is not None
     ]
-    drawn = (
-        f"Errors against {against} over speed, temperature and torque. Dashed: "
-        f"±{tolerance_percent:g} % FS."
+    drawn = Message(
+        "Errors against {against} over speed, temperature and torque. Dashed: ±{tolerance:g} % FS.",
+        against,
+        tolerance_percent,
     )
-    figure = Drawings(lambda: [(panels_figure(panels), drawn)])
+    figure = Diagram(panels, drawn)
     header = ("1/min", "°C", "% of range", "points", "RMS, % FS", "worst, % FS", "covered")
-    caption = (
-        f"Errors against {against} and share of points whose error lies within U (k = 2), by cells "
-        f"of speed, temperature and torque; {100 * inside:.1f} % of all {len(data)} points."
+    caption = Message(
+        "Errors against {against} and share of points whose error lies within U (k = 2), by cells "
+        "of speed, temperature and torque; {inside:.1f} % of all {count} points.",
+        against,
+        100 * inside,
+        len(data),
     )
     return Section(
         "Speed, temperature and torque",

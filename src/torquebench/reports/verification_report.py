@@ -12,9 +12,9 @@ from torquebench.bench.roles import SIDE_TITLES
 from torquebench.calibration import CalibrationData, repeatability
 from torquebench.figures import Curve
 from torquebench.message import Message
-from torquebench.reports.curve_figures import Panel, panels_figure
+from torquebench.reports.curve_figures import Panel
 from torquebench.reports.errors_table import number
-from torquebench.reports.page import Drawings, Facts, Page, Section, Table
+from torquebench.reports.page import Diagram, Facts, Page, Section, Table
 
 VERIFICATION_TITLES = {
     "input": "Verification of the input module",
@@ -118,10 +118,10 @@ def kept_words(percent: float, tolerance_percent: float) -> str:
     return "met" if percent <= tolerance_percent else "not met"
 
 
-def before_after_figure(
+def before_after_diagram(
     data: CalibrationData, verified: Verified, tolerance_percent: float = 0.1
-) -> Drawings:
-    """Draw the errors of the readings before and after compensation by a model."""
+) -> Diagram:
+    """Return the errors of the readings before and after compensation by a model."""
     limit = tolerance_percent / 100.0 * data.range_nm
     panel = Panel(
         [
@@ -152,7 +152,7 @@ def before_after_figure(
         verified.title,
         tolerance_percent,
     )
-    return Drawings(lambda: [(panels_figure([panel]), caption)])
+    return Diagram([panel], caption)
 
 
 def verification_page(
@@ -174,7 +174,7 @@ def verification_page(
     """
     groups = len(np.unique(data.series))
     what = Message("{count} groups", groups) if groups > 1 else "1 group"
-    figures = [before_after_figure(data, each, tolerance_percent) for each in verified[1:]]
+    figures = [before_after_diagram(data, each, tolerance_percent) for each in verified[1:]]
     return Page(
         VERIFICATION_TITLES.get(data.side, "Verification"),
         Message("{count} readings in {what}, {range:g} N·m", len(data), what, data.range_nm),

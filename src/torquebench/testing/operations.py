@@ -85,7 +85,9 @@ class Interfaces:
             if value is None or parameter.kind != "path" or parameter.local:
                 continue
             if parameter.output:
-                files[parameter.name] = Path(value).name
+                several = isinstance(value, list)
+                names = [Path(each).name for each in (value if several else [value])]
+                files[parameter.name] = names if several else names[0]
             elif isinstance(value, list):
                 files[parameter.name] = [self.handed_in(each) for each in value]
             else:
@@ -117,6 +119,7 @@ class Interfaces:
             value = values.get(parameter.name)
             option = parameter.option
             if value is None or value is False:
+                words += [f"--no-{option[2:]}"] * (value is not parameter.default is True)
                 continue
             several = value if isinstance(value, list) else [value]
             if parameter.numbered:

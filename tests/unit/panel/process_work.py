@@ -1,6 +1,8 @@
 """What tests compute in a process of its own."""
 
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -18,3 +20,13 @@ def refusing(_progress: Progress) -> None:
 
 def endless(_progress: Progress) -> None:
     time.sleep(600.0)
+
+
+def in_stages(progress: Progress) -> float:
+    """Work in stages, one of them in further processes."""
+    progress.start(Message("{count} parts", 2), 2)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as workers:
+        found = workers.submit(abs, -3.0).result()
+    progress.reach(2)
+    progress.finish("done")
+    return found

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.unit.panel.process_work import doubled, endless, refusing
+from tests.unit.panel.process_work import doubled, endless, in_stages, refusing
 from tests.watching import Watching
 
 from torquebench.bench.description import BenchDescription, default_bench
@@ -517,6 +517,13 @@ def test_a_computation_aside_returns_reports_refuses_and_ends() -> None:
     assert refused.value.found.template == "{what} found"
     with pytest.raises(EndedError):
         run_in_process(endless, cancelled=lambda: "aborted by Ann")
+
+
+def test_a_job_shows_the_stages_of_its_process_which_may_start_others(tmp_path: Path) -> None:
+    watching = Watching()
+    assert run_in_process(in_stages, progress=watching, folder=tmp_path, job=True) == 3.0
+    assert watching.stages == [("2 parts", 2)]
+    assert (watching.done, watching.finished) == ([2], 1)
 
 
 def test_the_remaining_time_of_a_stage_follows_from_its_steps() -> None:

@@ -73,7 +73,7 @@ def test_a_written_folder_is_read_back(tmp_path: Path) -> None:
         "factors.csv",
         "friction-standard-reducer.csv",
     ]
-    found = read_tables(tmp_path / "saved")
+    found = read_tables([tmp_path / "saved"])
     assert (found.name, found.simulated) == ("a bench", False)
     module, expected = found.modules["output"], tables().modules["output"]
     assert module.other_points is None
@@ -102,7 +102,7 @@ def test_tdms_is_read_as_csv_is(tmp_path: Path) -> None:
     with TdmsWriter(tmp_path / "calibration-output.tdms") as writer:
         root = RootObject({"range_nm": 2000.0})
         writer.write_segment([root, *(ChannelObject("points", n, v) for n, v in channels.items())])
-    found = read_tables(tmp_path).modules["output"].calibration
+    found = read_tables([tmp_path]).modules["output"].calibration
     assert found.range_nm == 2000.0
     np.testing.assert_array_equal(found.reading_nm, data.reading_nm)
     np.testing.assert_array_equal(found.branch, data.branch)
@@ -134,4 +134,4 @@ def test_what_cannot_be_used_is_named(tmp_path: Path, files: dict[str, str], mes
     for name, text in files.items():
         (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=message):
-        read_tables(tmp_path)
+        read_tables([tmp_path])

@@ -6,7 +6,7 @@ import numpy as np
 
 from torquebench.calibration import CalibrationData
 from torquebench.chain import Component, Shared, Torque
-from torquebench.reports.page import Drawings, Table
+from torquebench.reports.page import Diagram, Table
 from torquebench.reports.turning_report import turning_section
 
 
@@ -30,8 +30,8 @@ def test_errors_stand_over_speed_temperature_and_torque_with_cells_and_budget() 
     )
     section = turning_section(data, torque, 0.1)
     figure, covered, budget = section.blocks
-    assert isinstance(figure, Drawings)
-    ((svg, caption),) = figure.draw()
+    assert isinstance(figure, Diagram)
+    svg, caption = figure.svg, figure.caption
     assert "the true torque" in caption
     assert all(f"{name} in" in svg for name in ("speed", "temperature", "torque"))
     assert isinstance(covered, Table)
@@ -44,8 +44,8 @@ def test_errors_stand_over_speed_temperature_and_torque_with_cells_and_budget() 
     assert float(budget.rows[1][1]) == 0.02
     less = replace(data, temperature_c=None, true_torque_nm=None)
     figure, covered, _ = turning_section(less, torque, 0.1).blocks
-    assert isinstance(figure, Drawings)
-    ((svg, caption),) = figure.draw()
+    assert isinstance(figure, Diagram)
+    svg, caption = figure.svg, figure.caption
     assert "temperature in" not in svg
     assert "against the standard" in caption
     assert {row[1] for row in covered.rows} == {"-"}

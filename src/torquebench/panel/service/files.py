@@ -109,10 +109,14 @@ class FileStore:
             value = getattr(request, each.name)
             if each.local or value is None:
                 continue
+            several = isinstance(value, tuple)
+            paths: tuple[Any, ...] = value if several else (value,)
             if each.output:
-                written[each.name] = (self.folder if absolute else Path()) / self._new(value.name)
+                root = self.folder if absolute else Path()
+                places = tuple(root / self._new(path.name) for path in paths)
+                written[each.name] = places if several else places[0]
             elif each.kind == "path":
-                for path in value if isinstance(value, tuple) else (value,):
+                for path in paths:
                     self.path(str(path))
             elif each.file and re.search(r"[/\\]", value):
                 self.path(value)

@@ -131,7 +131,7 @@ class JobRunner:
             place = replace(place, signature=signature, may=partial(allows, actor.role))
         if job is not None:
             reason = partial(getattr, job, "abort_reason")
-            compute = partial(place.compute, cancelled=reason)
+            compute = partial(place.compute, cancelled=reason, job=True)
             place = replace(place, finishing=job.finishing, cancelled=reason, compute=compute)
         return place
 
