@@ -60,7 +60,7 @@ def _cell(text: str) -> str:
 
 def _verdicts(summary: Table) -> Table:
     """Return a table of items and verdicts without reasons, which the page gives below."""
-    rows = [[row[0], row[-1].partition(":")[0]] for row in summary.rows]
+    rows = [[row[0], row[3]] for row in summary.rows]
     return dataclasses.replace(summary, header=("item", "here"), rows=rows)
 
 

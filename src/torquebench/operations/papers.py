@@ -284,14 +284,15 @@ class Reproduced(Result):
     """The items of the source papers."""
 
     items: Sequence[ReproducedItem]
-    described: Page = data_field(metadata=HIDDEN)
+    described: Any = data_field(metadata=HIDDEN)
 
     def page(self) -> Page:
         """Return the items with their verdicts, and the sections of the page as details."""
         rows = [(each.item, each.verdict) for each in self.items]
         table = Table(("item", "met or not"), rows, words=True)
-        details = [replace(section, detail=True) for section in self.described.sections]
-        return replace(self.described, sections=[Section("", "", [table]), *details])
+        page: Page = self.described
+        details = [replace(section, detail=True) for section in page.sections]
+        return replace(page, sections=[Section("", "", [table]), *details])
 
 
 def check_papers(_place: Place, request: PapersRequest) -> Iterable[str]:
@@ -323,12 +324,12 @@ def run_papers(place: Place, request: PapersRequest, progress: Progress) -> Repr
             place.remarks.append(kept)
     written = [write_report(page, path) for path in request.out]
     file.unlink(missing_ok=True)
-    headings = [section.heading.rpartition(": ") for section in page.sections[1:]]
+    summary = next(each for each in page.sections[0].blocks if isinstance(each, Table))
     return Reproduced(
         headline=page.title,
         simulated=page.simulated,
         files=tuple(map(str, written)),
-        items=[ReproducedItem(item, verdict) for item, _, verdict in headings if item],
+        items=[ReproducedItem(item, verdict) for item, _, _, verdict, _ in summary.rows],
         described=page,
     )
 

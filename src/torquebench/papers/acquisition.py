@@ -12,6 +12,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.message import Message
 from torquebench.papers.items import Answer
 from torquebench.reports.errors_table import number
 from torquebench.reports.page import Block, Table
@@ -135,13 +136,16 @@ def acquisition_blocks() -> tuple[Answer, Blocks]:
     rows.append(["U (k = 2)", number(2.0 * sum_ppm), number(2e-4 * sum_ppm)])
     methods: tuple[CounterMethod, ...] = ("reciprocal", "regression")
     counted = [
-        [f"{method}, {MS_PER_S * window_s:g} ms", *map(number, _counted_ppm(method, window_s))]
+        [
+            Message("{method}, {window:g} ms", method, MS_PER_S * window_s),
+            *map(number, _counted_ppm(method, window_s)),
+        ]
         for method, window_s in product(methods, (0.001, 0.01))
     ]
     answer = Answer(
-        f"U = {number(2e-4 * sum_ppm)} % FS of one window of 10 ms at full scale",
+        Message("U = {u} % FS of one window of 10 ms at full scale", number(2e-4 * sum_ppm)),
         "met" if 2e-4 * sum_ppm <= LIMIT_PERCENT else "not met",
-        "a calibration with the same clock contains the timebase's part",
+        "A calibration with the same clock contains the timebase's part",
     )
     return answer, [
         Table(

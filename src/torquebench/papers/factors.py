@@ -23,6 +23,7 @@ from torquebench.chain import EmptyRun, MeasuringChain
 from torquebench.compensation import CompensationModel, make_model
 from torquebench.dynamics import Known, design_inverse, identify
 from torquebench.figures import Curve
+from torquebench.message import Message
 from torquebench.procedures.turning.profile import RandomPoints, load_turning_profile
 from torquebench.reports.curve_figures import Panel
 from torquebench.reports.errors_table import number
@@ -150,7 +151,10 @@ def factor_errors(
         chains = {name: MeasuringChain(model, each.effects) for name, each in found.items()}
         rest = MeasuringChain(at_rest[side])
         for name, condition, chain in (
-            *((f"{celsius:g} °C", f"at rest, {celsius:g} °C", "grease") for celsius in USED_C),
+            *(
+                (f"{celsius:g} °C", Message("at rest, {celsius:g} °C", celsius), "grease")
+                for celsius in USED_C
+            ),
             ("turning, grease", "turning, grease", "grease"),
             ("turning, oil", "turning, oil; empty run with grease", "grease"),
             ("turning, oil", "turning, oil; empty run with oil", OTHER_LUBRICANT),
@@ -169,7 +173,7 @@ def factor_table(errors: Sequence[FactorError]) -> Table:
     return Table(
         ("module, condition", "points", "raw, % FS", "at rest, % FS", "identified, % FS"),
         [
-            [f"{each.side}, {each.condition}", str(each.points), number(each.raw),
+            [Message.joined((each.side, each.condition)), str(each.points), number(each.raw),
              number(each.at_rest), number(each.identified)]
             for each in errors
         ],
@@ -247,7 +251,7 @@ def changing_torque() -> tuple[float, float, list[Block]]:
             cells += [number(amplitude), number(DEG_PER_RAD * float(np.angle(ratio)))]
             if frequency <= transfer.resonance_hz:
                 worst[place] = max(worst[place], abs(amplitude))
-        rows.append([f"sine, {frequency:g} Hz", *cells])
+        rows.append([Message("sine, {frequency:g} Hz", frequency), *cells])
     time_s = _times(0.1)
     step = _step(time_s, 0.02)
     reading = _read(step, 3)
@@ -269,12 +273,16 @@ def changing_torque() -> tuple[float, float, list[Block]]:
             ("torque", "amplitude before, %", "phase before, °", "amplitude after, %",
              "phase after, °"),
             rows,
-            f"Errors against the known torque (synthetic chain of an output module, resonance "
-            f"{number(transfer.resonance_hz)} Hz with U = "
-            f"{number(2.0 * transfer.standard_uncertainty('resonance_hz'))} Hz, windows of 0.2 ms, "
-            f"noise 0.01 %). It was identified from two steps; the inverse filter passes "
-            f"{designed.bandwidth_hz:.0f} Hz (-3 dB) and its values come "
-            f"{MS_PER_S * designed.delay_s:.1f} ms later, each with the time of its torque.",
+            Message(
+                "Errors against the known torque (synthetic chain of an output module, resonance "
+                "{resonance} Hz with U = {u} Hz, windows of 0.2 ms, noise 0.01 %). It was "
+                "identified from two steps; the inverse filter passes {bandwidth:.0f} Hz (-3 dB) "
+                "and its values come {delay:.1f} ms later, each with the time of its torque.",
+                number(transfer.resonance_hz),
+                number(2.0 * transfer.standard_uncertainty("resonance_hz")),
+                designed.bandwidth_hz,
+                MS_PER_S * designed.delay_s,
+            ),
         ),
         Diagram([panel], "A step of torque that wasn't used to identify the chain.", height=2.2),
     ]  # fmt: skip

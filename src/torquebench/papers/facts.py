@@ -42,24 +42,35 @@ def bench_facts(station: Station, mounted: MountingRecord | None) -> dict[str, s
         "power supply": _supply(description.power_supply, watched=drivers.supply is not None),
         "guide rail": _rail(description.guide_rail, moved=drivers.rail is not None),
         "input module": _module(description.input),
-        "tested assembly": "hydraulic clamp; calibrator, standard or reducer, "
-        f"i = {description.bench.reducer_ratio:g}",
+        "tested assembly": Message(
+            "hydraulic clamp; calibrator, standard or reducer, i = {ratio:g}",
+            description.bench.reducer_ratio,
+        ),
         "output module": _module(description.output),
-        "work bench": f"{description.name}; probes {', '.join(description.temperatures)}",
+        "work bench": Message(
+            "{bench}; probes {probes}", description.name, ", ".join(description.temperatures)
+        ),
     }
     for side in SIDES:
         module = description.module(side)
         transducer = module.transducer
-        found[f"transducer, {side}"] = (
-            f"{transducer.model}, serial {transducer.serial}, used to ±{module.range_nm:g} N·m"
+        found[f"transducer, {side}"] = Message(
+            "{model}, serial {serial}, used to ±{range_nm:g} N·m",
+            transducer.model,
+            transducer.serial,
+            module.range_nm,
         )
         model = module.drive.model
-        named = "" if model == "unknown" else f"{model}, "
-        found[f"drive, {side}"] = f"{named}serial {module.drive.serial}"
+        serial = Message("serial {serial}", module.drive.serial)
+        found[f"drive, {side}"] = (
+            serial if model == "unknown" else Message("{model}, {serial}", model, serial)
+        )
     counter = description.counter
-    found["acquisition"] = (
-        f"{counter.method} counting of edges, {counter.timebase_hz / 1e6:g} MHz, "
-        f"{counter.window_s:g} s windows"
+    found["acquisition"] = Message(
+        "{method} counting of edges, {timebase:g} MHz, {window:g} s windows",
+        counter.method,
+        counter.timebase_hz / 1e6,
+        counter.window_s,
     )
     found["standard"] = (
         f"{description.verification_standard.serial}, U = "
@@ -78,7 +89,7 @@ def _supply(described: PowerSupplyDescription | None, *, watched: bool) -> str:
     if described.power_kw is not None:
         parts.append(f"{described.power_kw:g} kW")
     parts.append("no drive is enabled without it" if watched else "not watched")
-    return ", ".join(parts)
+    return Message.joined(parts)
 
 
 def _rail(described: GuideRailDescription | None, *, moved: bool) -> str:
@@ -90,13 +101,19 @@ def _rail(described: GuideRailDescription | None, *, moved: bool) -> str:
     parts.append(
         "moves only unloaded and unclamped, clamped only at its end" if moved else "moved by hand"
     )
-    return ", ".join(parts)
+    return Message.joined(parts)
 
 
 def _module(described: ModuleDescription) -> str:
     encoder = described.encoder
-    turns = f"encoder of {encoder.counts_per_revolution} counts" if encoder else "no encoder"
-    return f"transducer ±{described.range_nm:g} N·m, drive, {turns}, free / driven / locked"
+    turns = "no encoder"
+    if encoder:
+        turns = Message("encoder of {count} counts", encoder.counts_per_revolution)
+    return Message(
+        "transducer ±{range_nm:g} N·m, drive, {encoder}, free / driven / locked",
+        described.range_nm,
+        turns,
+    )
 
 
 def write_rows(path: Path, rows: Iterable[Iterable[object]]) -> Path:

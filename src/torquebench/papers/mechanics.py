@@ -228,7 +228,7 @@ def additional_torque_blocks(design: Design) -> tuple[Answer, Blocks]:
         number(100.0 * at_full["sum"] / design.range_nm),
         number(effect),
     )
-    return Answer(ours, "shown", "quadratic in the torque; dimensions are an example"), blocks
+    return Answer(ours, "shown", "Quadratic in the torque; dimensions are an example"), blocks
 
 
 def _sensitivity_table(design: Design) -> Table:
@@ -290,9 +290,11 @@ def sign_blocks() -> tuple[Answer, Blocks]:
         "differently.",
     )
     answer = Answer(
-        f"worst errors of both signs differ by a factor of at most {number(max(ratios))}",
+        Message(
+            "worst errors of both signs differ by a factor of at most {factor}", number(max(ratios))
+        ),
         "met" if max(ratios) < 1.5 else "not met",
-        "the sign follows from the calibration, not from a formula",
+        "The sign follows from the calibration, not from a formula",
     )
     return answer, [table]
 
@@ -340,7 +342,7 @@ def section_blocks() -> tuple[Answer, Blocks]:
                 *(number(float(equal_area_twist_ratio(each)), 4) for each in (1.0, 20.0)),
             ),
             "met",
-            "the circle is stiffer for every a/b",
+            "The circle is stiffer for every a/b",
         ),
         blocks,
     )
@@ -431,6 +433,6 @@ def support_blocks(
             number(found.horizontal_ratio),
         ),
         "met",
-        "dimensions are an example; the papers' aren't published",
+        "Dimensions are an example; the papers' aren't published",
     )
     return answer, blocks

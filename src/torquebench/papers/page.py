@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from torquebench.bench.roles import Side
+from torquebench.bench.roles import SIDE_TITLES, Side
 from torquebench.calibration import CalibrationData, repeatability
 from torquebench.compensation import NetworkModel
 from torquebench.figures import Curve
+from torquebench.message import Message
 from torquebench.papers.acquisition import acquisition_blocks, streamed
 from torquebench.papers.factors import changing_torque, factor_table
 from torquebench.papers.facts import FAILED, MOUNTING
@@ -111,21 +112,26 @@ def papers_page(
         22: acquisition_blocks(),
     }
     simulated = first.tables.simulated
-    heading = "The two source papers, item by item"
     sections = [_summary(items, benches)]
     for number_, (answer, blocks) in sorted(items.items()):
         item = ITEMS[number_]
-        text = f"Papers: {item.theirs}. Here: {answer.ours}."
-        if answer.why:
-            text += f" {answer.why[0].upper()}{answer.why[1:]}."
-        text += f" Command: {item.command}."
-        sections.append(Section(f"{number_}. {item.title}: {answer.verdict}", text, blocks))
+        text = Message(
+            "Papers: {theirs}. Here: {ours}.{why} Command: {command}.",
+            item.theirs,
+            answer.ours,
+            Message(" {reason}.", answer.why) if answer.why else "",
+            item.command,
+        )
+        heading = Message("{number}. {title}: {verdict}", number_, item.title, answer.verdict)
+        sections.append(Section(heading, text, blocks))
     sections.append(_beyond())
     return Page(
-        heading,
-        "Yu and Zhang, Journal of Sensors, 2021 [J]; Yu, Zhang, Yu and Liu, Measurement and "
-        "Control, 2022 [M], doi 10.1177/00202940221103308. Bench: "
-        + "; ".join(bench.tables.name for bench in benches),
+        "The two source papers, item by item",
+        Message(
+            "Yu and Zhang, Journal of Sensors, 2021 [J]; Yu, Zhang, Yu and Liu, Measurement and "
+            "Control, 2022 [M], doi 10.1177/00202940221103308. Bench: {benches}",
+            "; ".join(bench.tables.name for bench in benches),
+        ),
         sections,
         simulated=simulated,
     )
@@ -134,23 +140,31 @@ def papers_page(
 def _summary(items: Items, benches: Sequence[BenchResult]) -> Section:
     rows = [
         [
-            f"{number_}. {ITEMS[number_].title}",
+            Message("{number}. {title}", number_, ITEMS[number_].title),
             ITEMS[number_].theirs,
             answer.ours,
-            answer.verdict + (f": {answer.why}" if answer.why else ""),
+            answer.verdict,
+            answer.why,
         ]
         for number_, (answer, _) in sorted(items.items())
     ]
     verdicts = [answer.verdict for answer, _ in items.values()]
-    counted = ", ".join(f"{verdicts.count(each)} {each}" for each in dict.fromkeys(verdicts))
+    counted = Message.joined(
+        Message("{count} {verdict}", verdicts.count(each), each) for each in dict.fromkeys(verdicts)
+    )
     source = "simulated" if benches[0].tables.simulated else "measured"
     return Section(
         "Summary",
-        f"{len(items)} items: {counted}. Figures of benches are {source}; those of items 4 to 7, "
-        "15 and 22, the stream in 3 and the changing torque in 19 are computed. The tables and "
-        "pictures of the papers aren't available as text: what is compared is what their text "
-        "states.",
-        (Table(("item", "the papers", "here", "met or not, and why"), rows, words=True),),
+        Message(
+            "{count} items: {verdicts}. Figures of benches are {source}; those of items 4 to 7, "
+            "15 and 22, the stream in 3 and the changing torque in 19 are computed. The tables and "
+            "pictures of the papers aren't available as text: what is compared is what their text "
+            "states.",
+            len(items),
+            counted,
+            source,
+        ),
+        (Table(("item", "the papers", "here", "met or not", "why"), rows, words=True),),
     )
 
 
@@ -211,11 +225,13 @@ def _bench_items(bench: BenchResult, stream_s: float) -> Items:
     return {
         1: (
             Answer(
-                f"{len(described)} of {len(SUB_SYSTEMS)} described",
+                Message("{count} of {all} described", len(described), len(SUB_SYSTEMS)),
                 "met" if not missing else "partly",
-                "rail and supply are devices with interlocks"
+                "Rail and supply are devices with interlocks"
                 if not missing
-                else ", ".join(missing) + " missing from the description or the tables",
+                else Message(
+                    "Missing from the description or the tables: {missing}", Message.joined(missing)
+                ),
             ),
             [systems],
         ),
@@ -246,16 +262,16 @@ def _mounting(facts: Mapping[str, str]) -> tuple[Answer, Blocks]:
         answer = Answer(
             "modes and clamp with interlocks",
             "partly",
-            "no data of the mounting were entered (--mounting)",
+            "No data of the mounting were entered (--mounting)",
         )
     else:
         kept = "≤" in coaxiality
         answer = Answer(
-            f"coaxiality {coaxiality}",
+            Message("coaxiality {coaxiality}", coaxiality),
             "met" if kept else "not met",
-            "the record of the mounting, which the certificate states"
+            "The record of the mounting, which the certificate states"
             if kept
-            else "the axes are further apart than the limit",
+            else "The axes are further apart than the limit",
         )
     return answer, [block]
 
@@ -272,7 +288,8 @@ def _hardware(bench: BenchResult, stream_s: float) -> tuple[Answer, Blocks]:
         accuracy = data.loading_accuracy_percent
         if accuracy is not None:
             worst.append(accuracy)
-            rows.append([f"loading, {side}", LOADING, f"{number(accuracy)} % of range"])
+            share = Message("{share} % of range", number(accuracy))
+            rows.append([Message("loading, {side}", side), LOADING, share])
             figures += loading_figures(data)
     table = Table(
         ("hardware", "the papers", "this bench"),
@@ -283,18 +300,32 @@ def _hardware(bench: BenchResult, stream_s: float) -> tuple[Answer, Blocks]:
     )
     card = Facts(
         (
-            ("Stream of a card", f"simulated, {stream.edges_per_s:,.0f} edges/s on 4 "
-             f"channels, blocks of 10 ms, at its rate for {stream.seconds:g} s"),
-            ("Blocks lost", f"{stream.lost} of {stream.blocks}"),
+            (
+                "Stream of a card",
+                Message(
+                    "simulated, {rate:,.0f} edges/s on 4 channels, blocks of 10 ms, at its rate "
+                    "for {seconds:g} s",
+                    stream.edges_per_s,
+                    stream.seconds,
+                ),
+            ),
+            ("Blocks lost", Message("{lost} of {blocks}", stream.lost, stream.blocks)),
             ("Windows refused", str(stream.faults)),
         )
-    )  # fmt: skip
-    loading = f"loading within {number(max(worst))} % of range" if worst else "no targets recorded"
+    )
+    loading = "no targets recorded"
+    if worst:
+        loading = Message("loading within {share} % of range", number(max(worst)))
     kept = bool(worst) and max(worst) <= LIMIT_PERCENT and not stream.lost and not stream.faults
     return Answer(
-        f"{loading}; {stream.lost} of {stream.blocks} blocks of a simulated card lost",
+        Message(
+            "{loading}; {lost} of {blocks} blocks of a simulated card lost",
+            loading,
+            stream.lost,
+            stream.blocks,
+        ),
         "partly" if not worst else "met" if kept else "not met",
-        "their FlexRIO card (PXIe-7961) would stream edges or frequency to a driver plugin, "
+        "Their FlexRIO card (PXIe-7961) would stream edges or frequency to a driver plugin, "
         "or into files, in the same way; torquebench wasn't tried on one",
     ), [table, card, *figures]
 
@@ -304,7 +335,8 @@ def _hardware(bench: BenchResult, stream_s: float) -> tuple[Answer, Blocks]:
 
 def _mechanics_items(mesh_m: float) -> Items:
     parts = [additional_torque_blocks(design) for design in DESIGNS.values()]
-    answer = Answer("; ".join(each.ours for each, _ in parts), parts[0][0].verdict, parts[0][0].why)
+    ours = Message.joined((each.ours for each, _ in parts), "; ")
+    answer = Answer(ours, parts[0][0].verdict, parts[0][0].why)
     return {
         4: (answer, [block for _, blocks in parts for block in blocks]),
         5: sign_blocks(),
@@ -322,15 +354,16 @@ def _calibration_items(bench: BenchResult) -> Items:
     before_after, answers = _before_after(bench)
     trained = _training(bench)
     points = {side: len(each.tables.rising) for side, each in bench.modules.items()}
-    steps = ", ".join(
-        f"{count} rising points of the {side} module" for side, count in points.items()
+    steps = Message.joined(
+        Message("{count} rising points of the {side} module", count, side)
+        for side, count in points.items()
     )
     return {
         8: _calibrator(bench),
         9: (Answer(steps, "shown", "0.5 s a step, mean of the settled part"), staircase),
         10: trained,
         11: (
-            Answer(_polynomial_words(bench), "shown", "fitted to the same rising points"),
+            Answer(_polynomial_words(bench), "shown", "Fitted to the same rising points"),
             _polynomials(bench),
         ),
         12: (Answer(_raw_words(bench), "shown", ""), curves),
@@ -346,7 +379,14 @@ def _calibrator(bench: BenchResult) -> tuple[Answer, Blocks]:
             continue
         points = int(np.sum(found.torque_nm > 0.0))
         stated_nm = float(np.max(found.expanded_uncertainty_nm))
-        words.append(f"{side}: {points} points in each direction, U up to {number(stated_nm)} N·m")
+        words.append(
+            Message(
+                "{side}: {points} points in each direction, U up to {u} N·m",
+                side,
+                points,
+                number(stated_nm),
+            )
+        )
         upper, lower = found.error_nm + stated_nm, found.error_nm - stated_nm
         panels.append(
             Panel(
@@ -357,17 +397,18 @@ def _calibrator(bench: BenchResult) -> tuple[Answer, Blocks]:
                 ],
                 "torque in N·m",
                 "error in N·m",
-                title=f"calibrator, {side} side",
+                title=Message("calibrator, {side} side", side),
             )
         )
     if not panels:
-        return Answer("no certificate of the calibrator", "not measured", "give its CSV file"), []
+        return Answer("no certificate of the calibrator", "not measured", "Give its CSV file"), []
     figure = Diagram(
         panels,
         "Errors of the calibrator at its certified points, corrected in every calibration.",
         columns=2,
     )
-    return Answer("; ".join(words), "met", "two outputs, errors corrected between points"), [figure]
+    ours = Message.joined(words, "; ")
+    return Answer(ours, "met", "Two outputs, errors corrected between points"), [figure]
 
 
 def _polynomials(bench: BenchResult) -> Blocks:
@@ -386,7 +427,7 @@ def _polynomials(bench: BenchResult) -> Blocks:
                 ],
                 "reading in N·m",
                 "additional torque in N·m",
-                title=f"{side} module",
+                title=Message("{side} module", side),
             )
         )
         c2, c1, c0 = np.polyfit(grid / data.range_nm, torque, 2)
@@ -406,15 +447,21 @@ def _raw_words(bench: BenchResult) -> str:
     for side, module in bench.modules.items():
         data = module.tables.rising
         worst = 100.0 * float(np.max(np.abs(module.errors_nm(data)))) / data.range_nm
-        words.append(f"{side}: up to {number(worst)} % FS before compensation")
-    return "; ".join(words)
+        words.append(Message("{side}: up to {worst} % FS before compensation", side, number(worst)))
+    return Message.joined(words, "; ")
 
 
 def _polynomial_words(bench: BenchResult) -> str:
-    return "; ".join(
-        f"{side}: {number(np.max(np.abs(each.errors_nm(each.tables.rising, POLYNOMIAL))))} N·m on "
-        "its own points"
+    worst = {
+        side: float(np.max(np.abs(each.errors_nm(each.tables.rising, POLYNOMIAL))))
         for side, each in bench.modules.items()
+    }
+    return Message.joined(
+        (
+            Message("{side}: {worst} N·m on its own points", side, number(worst_nm))
+            for side, worst_nm in worst.items()
+        ),
+        "; ",
     )
 
 
@@ -432,7 +479,7 @@ def _loading(bench: BenchResult) -> Blocks:
                 markers=True,
             )
         ]
-        words = "the steps as the calibrator read them."
+        below = ""
         if first is not None:
             time_s, _reading, standard, averaged = first.T
             panels.append(
@@ -447,15 +494,19 @@ def _loading(bench: BenchResult) -> Blocks:
                     title="the first steps, in windows of 10 ms",
                 )
             )
-            words += (
+            below = Message(
                 " Below, the first of them in full: each settles, then its windows are averaged."
             )
         blocks.append(
             Diagram(
                 panels,
-                f"{side.capitalize()} module: {words} The rising points of each direction are the "
-                "papers' series; the falling ones are measured beside them, because a series that "
-                "only rises can't show hysteresis.",
+                Message(
+                    "{module}: the steps as the calibrator read them.{below} The rising points of "
+                    "each direction are the papers' series; the falling ones are measured beside "
+                    "them, because a series that only rises can't show hysteresis.",
+                    SIDE_TITLES[side],
+                    below,
+                ),
                 height=2.0,
             )
         )
@@ -464,7 +515,7 @@ def _loading(bench: BenchResult) -> Blocks:
 
 def _error_curves(bench: BenchResult) -> Blocks:
     panels = [
-        error_curves(module.tables.calibration, f"{side} module")
+        error_curves(module.tables.calibration, Message("{side} module", side))
         for side, module in bench.modules.items()
     ]
     return [
@@ -486,14 +537,15 @@ def _training(bench: BenchResult) -> tuple[Answer, Blocks]:
             curve = fitted.model.training_curve_
             curves.append(Curve(fitted.choice.title, curve[:, 0], curve[:, 1]))
             reached.append(curve[-1, 1] / module.tables.calibration.range_nm)
-            words.append(f"{side}, {fitted.choice.title}: {number(curve[-1, 1])} N·m")
+            rms = number(curve[-1, 1])
+            words.append(Message("{side}, {model}: {rms} N·m", side, fitted.choice.title, rms))
         panels.append(
             Panel(
                 curves,
                 "epoch",
                 "RMS of residuals in N·m",
                 logarithmic="xy",
-                title=f"{side} module",
+                title=Message("{side} module", side),
             )
         )
     parameters = Facts(
@@ -511,9 +563,9 @@ def _training(bench: BenchResult) -> tuple[Answer, Blocks]:
         columns=2,
     )
     return Answer(
-        "RMS of residuals after 50 000 epochs: " + "; ".join(words),
+        Message("RMS of residuals after 50 000 epochs: {modules}", Message.joined(words, "; ")),
         "partly",
-        "the mapping of [J] trains well, that of [M] doesn't by gradient descent; see item 15",
+        "The mapping of [J] trains well, that of [M] doesn't by gradient descent; see item 15",
     ), [parameters, figure, *_nodes(bench)]
 
 
@@ -528,7 +580,10 @@ def _nodes(bench: BenchResult) -> Blocks:
         Table(
             ("module", "hidden nodes", "RMS of residuals, N·m", "worst of fresh readings, N·m"),
             rows,
-            f"Trials of the number of nodes: additional torque, small start, {NODE_EPOCHS} epochs.",
+            Message(
+                "Trials of the number of nodes: additional torque, small start, {epochs} epochs.",
+                NODE_EPOCHS,
+            ),
         )
     ]
 
@@ -555,17 +610,28 @@ def _before_after(bench: BenchResult) -> tuple[Blocks, Answer]:
             met.append(percent <= LIMIT_PERCENT)
             if not met[-1]:
                 beyond.append(side)
-        words.append(f"{title}, {side}: {number(worst)} N·m ({number(percent)} % FS)")
+        words.append(
+            Message(
+                "{model}, {side}: {worst} N·m ({share} % FS)",
+                title,
+                side,
+                number(worst),
+                number(percent),
+            )
+        )
         torque = module.models[name].torque_nm(data.reading_nm, data.branch.astype(np.float64))
         blocks.append(before_after_diagram(data, Verified(title, torque), LIMIT_PERCENT))
     if not words:
         return [], Answer("no verification", "not measured")
     return blocks, Answer(
-        "; ".join(words),
+        Message.joined(words, "; "),
         "met" if met and all(met) else "not met",
         "0.1 % FS for BP"
         if all(met)
-        else f"the network's worst reading exceeds 0.1 % FS on the {' and '.join(beyond)} module",
+        else Message(
+            "The network's worst reading exceeds 0.1 % FS on the {sides} module",
+            Message.joined(beyond, " and "),
+        ),
     )
 
 
@@ -591,7 +657,7 @@ def _groups(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
             (module.others, module.tables.other_points, "groups at other torques"),
         ):
             if found is not None and data is not None:
-                words = f"{side.capitalize()} module, {found.groups} {what}"
+                words = Message("{module}, {count} {groups}", SIDE_TITLES[side], found.groups, what)
                 tables = verification_tables(data, _verified(module, data), words, LIMIT_PERCENT)
                 blocks += tables if found is module.same else tables[-1:]
     rows, kept, counted = [], 0, 0
@@ -623,11 +689,13 @@ def _groups(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
             )
         )
     return Answer(
-        f"BP keeps 0.1 % error and 0.1 % repeatability on {kept} of {counted} modules",
+        Message(
+            "BP keeps 0.1 % error and 0.1 % repeatability on {kept} of {all} modules", kept, counted
+        ),
         "met" if kept == counted else "not met" if kept == 0 else "partly",
-        "worst single reading, and standard deviation over the groups at one place"
+        "Worst single reading, and standard deviation over the groups at one place"
         if kept == counted
-        else "the verification loads up and down, the papers' calibration only up",
+        else "The verification loads up and down, the papers' calibration only up",
     ), blocks
 
 
@@ -644,42 +712,66 @@ def study_blocks(rows: Sequence[Row], seeds: int) -> tuple[Answer, Blocks]:
         Number of chains of each family.
     """
     if not rows:
-        return Answer("not run", "not measured", "leave --no-study out"), []
+        return Answer("not run", "not measured", "Leave --no-study out"), []
     networks = [row for row in rows if row.title.startswith("BP")]
-    groups = {(row.family, row.series): f"{row.family}, {row.series}" for row in rows}
+    groups = {(row.family, row.series): Message.joined((row.family, row.series)) for row in rows}
     holds = {
         words: [
-            row.title.removeprefix("BP, ")
+            row.title
             for row in networks
             if (row.family, row.series) == key and row.beats > row.chains / 2
         ]
         for key, words in groups.items()
     }
-    where = "; ".join(f"{words}: {' / '.join(found) or 'none'}" for words, found in holds.items())
+    where = Message.joined(
+        (
+            Message("{chains}: {models}", words, Message.joined(found or ["none"], " / "))
+            for words, found in holds.items()
+        ),
+        "; ",
+    )
     fails = sum(1 for row in networks if row.ratio < 1.0)
-    few = f"; {seeds} chains are few, with --whole there are {CHAINS}" if seeds < CHAINS else ""
-    families = f"{seeds} chains of each family, for which the best quadratic has an error of"
+    why = "Points, start, mapping and epochs decide; the papers publish neither start nor epochs"
+    if seeds < CHAINS:
+        why = Message(
+            "{reason}; {seeds} chains are few, with --whole there are {all}", why, seeds, CHAINS
+        )
     return Answer(
-        f"variants of BP with a ratio of {CLAIMED_RATIO:.1f} on most chains: {where}. "
-        f"{fails} of {len(networks)} variants are worse than the polynomial",
+        Message(
+            "variants of BP with a ratio of {ratio:.1f} on most chains: {variants}. {fails} of "
+            "{all} variants are worse than the polynomial",
+            CLAIMED_RATIO,
+            where,
+            fails,
+            len(networks),
+        ),
         "partly" if any(holds.values()) else "not met",
-        "points, start, mapping and epochs decide; the papers publish neither start nor epochs"
-        + few,
+        why,
     ), [
         _study_table(
             rows,
             groups,
             lambda row: f"{number(row.ratio)} ({row.beats})",
-            "Worst error of the polynomial divided by that of the model, median over the chains; "
-            f"in brackets the number of {seeds} chains with a ratio of {CLAIMED_RATIO:.1f} or "
-            f"more. {families} {POLYNOMIAL_NM:g} N·m of 2000, repeatability 0.2 N·m.",
+            Message(
+                "Worst error of the polynomial divided by that of the model, median over the "
+                "chains; in brackets the number of {seeds} chains with a ratio of {ratio:.1f} or "
+                "more. {seeds} chains of each family, for which the best quadratic has an error of "
+                "{error:g} N·m of 2000, repeatability 0.2 N·m.",
+                seeds,
+                CLAIMED_RATIO,
+                POLYNOMIAL_NM,
+            ),
         ),
         _study_table(
             rows,
             groups,
             lambda row: f"{number(row.worst_nm)} ({row.below})",
-            "Worst of 500 fresh single readings in N·m, median over the chains; in brackets the "
-            f"number of {seeds} chains below {NETWORK_NM:g} N·m.",
+            Message(
+                "Worst of 500 fresh single readings in N·m, median over the chains; in brackets "
+                "the number of {seeds} chains below {limit:g} N·m.",
+                seeds,
+                NETWORK_NM,
+            ),
         ),
     ]
 
@@ -718,12 +810,16 @@ def _alone(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
             if bench is benches[0]:
                 blocks.append(alone_diagram(side, module))
     if not rows:
-        return Answer("no transducer calibrated alone", "not measured", "give alone-SIDE.csv"), []
+        return Answer("no transducer calibrated alone", "not measured", "Give alone-SIDE.csv"), []
     blocks.append(alone_table(rows))
     return Answer(
-        f"calibrated alone: {number(min(worst))} to {number(max(worst))} % FS in the chain",
+        Message(
+            "calibrated alone: {least} to {most} % FS in the chain",
+            number(min(worst)),
+            number(max(worst)),
+        ),
         "shown",
-        "a calibration of the transducer alone doesn't contain the chain's additional torque",
+        "A calibration of the transducer alone doesn't contain the chain's additional torque",
     ), blocks
 
 
@@ -762,20 +858,34 @@ def friction_blocks(
     compensated = checks[name]
     better = relative[name] < relative[""]
     answer = Answer(
-        f"error {number(relative[name])} % of the friction ({number(relative[''])} % without "
-        f"compensation), {number(compensated.error_percent)} % FS; repeatability "
-        f"{number(compensated.repeatability_percent)} % FS of {range_nm:g} N·m",
+        Message(
+            "error {share} % of the friction ({raw} % without compensation), {error} % FS; "
+            "repeatability {repeatability} % FS of {range_nm:g} N·m",
+            number(relative[name]),
+            number(relative[""]),
+            number(compensated.error_percent),
+            number(compensated.repeatability_percent),
+            range_nm,
+        ),
         "not met" if not compensated.kept else "met" if better else "partly",
-        f"compensated by {title}; the raw reading keeps {LIMIT_PERCENT:g} % FS as well, because "
-        "the friction is a small part of the range: the share of the friction tells them apart"
-        if checks[""].kept
-        else f"compensated by {title}; against {LIMIT_PERCENT:g} % FS",
+        Message(
+            "Compensated by {model}; the raw reading keeps {limit:g} % FS as well, because the "
+            "friction is a small part of the range: the share of the friction tells them apart"
+            if checks[""].kept
+            else "Compensated by {model}; against {limit:g} % FS",
+            title,
+            LIMIT_PERCENT,
+        ),
     )
     return answer, [
         replace(
             friction_diagram(compensated),
-            caption=f"Known friction of the standard reducer and each repeat, by {title}; below, "
-            f"the difference. Dashed: ±{LIMIT_PERCENT:g} % FS.",
+            caption=Message(
+                "Known friction of the standard reducer and each repeat, by {model}; below, the "
+                "difference. Dashed: ±{limit:g} % FS.",
+                title,
+                LIMIT_PERCENT,
+            ),
         ),
         friction_check_table(compensated),
         Table(
@@ -831,14 +941,16 @@ def _standard_reducer(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
         if bench.tables.friction is not None and "input" in bench.modules
     ]
     if not found:
-        return Answer("no standard reducer", "not measured", "give its certified friction"), []
+        return Answer("no standard reducer", "not measured", "Give its certified friction"), []
     answer, blocks = found[0][1]
     if len(found) > 1:
         rows = [[bench.tables.name, each.ours, each.verdict] for bench, (each, _) in found]
         blocks = [*blocks, Table(("bench", "error and repeatability", "0.1 %"), rows, words=True)]
         met = sum(each.verdict == "met" for _, (each, _) in found)
         verdict: Fulfilment = "met" if met == len(found) else "partly" if met else "not met"
-        ours = f"{answer.ours}; within 0.1 % on {met} of {len(found)} benches"
+        ours = Message(
+            "{error}; within 0.1 % on {met} of {all} benches", answer.ours, met, len(found)
+        )
         return Answer(ours, verdict, answer.why), blocks
     return answer, blocks
 
@@ -859,7 +971,7 @@ def _interface_items(benches: Sequence[BenchResult]) -> Items:
                 "panel and API: loading, acquisition, training, compensation, display, "
                 "parameters, status, faults, operation",
                 "met",
-                "the network's parameters, target error and training curve are in the wizard",
+                "The network's parameters, target error and training curve are in the wizard",
             ),
             [interface],
         ),
@@ -894,18 +1006,23 @@ def _dynamic(bench: BenchResult) -> tuple[Answer, Blocks]:
         if data is None:
             continue
         error = 100.0 * np.abs(fitted.errors_nm(data, RECOMMENDED_NAME)) / data.range_nm
-        rows.append([f"{side}, at rest", f"{len(data)} readings", number(float(np.max(error)))])
+        readings = Message("{count} readings", len(data))
+        rows.append([Message("{side}, at rest", side), readings, number(float(np.max(error)))])
         worst.append(float(np.max(error)))
     friction, module = bench.tables.friction, bench.modules.get("input")
     if friction is not None and module is not None:
         points = _friction_check(friction, module, RECOMMENDED_NAME).points
         errors = [point.error_percent for point in points]
-        speeds = f"turning at {points[0].speed_rpm:g} to {points[-1].speed_rpm:g} rpm"
-        rows.append([f"input, {speeds}, unloaded", f"{len(points)} speeds", number(max(errors))])
+        turned = Message(
+            "input, turning at {low:g} to {high:g} rpm, unloaded",
+            points[0].speed_rpm,
+            points[-1].speed_rpm,
+        )
+        rows.append([turned, Message("{count} speeds", len(points)), number(max(errors))])
     turning = [each for each in bench.tables.factors if each.condition == "turning, grease"]
     for each in turning:
-        measured = f"{each.points} points, random torques and speeds"
-        rows.append([f"{each.side}, turning", measured, number(each.identified)])
+        measured = Message("{count} points, random torques and speeds", each.points)
+        rows.append([Message("{side}, turning", each.side), measured, number(each.identified)])
         worst.append(each.identified)
     if not rows:
         return Answer("no verification", "not measured"), []
@@ -917,13 +1034,17 @@ def _dynamic(bench: BenchResult) -> tuple[Answer, Blocks]:
         words=True,
     )
     return Answer(
-        f"worst error at rest and turning {number(max(worst))} % FS; amplitude of changing torque "
-        f"up to the resonance {number(before)} % wrong before and {number(after)} % after "
-        "compensation",
+        Message(
+            "worst error at rest and turning {worst} % FS; amplitude of changing torque up to the "
+            "resonance {before} % wrong before and {after} % after compensation",
+            number(max(worst)),
+            number(before),
+            number(after),
+        ),
         "met" if max(worst) <= LIMIT_PERCENT and turning else "partly",
-        "against 0.1 % FS for steady torque"
+        "Against 0.1 % FS for steady torque"
         if turning
-        else "turning under load isn't measured here: torquebench turn --profile "
+        else "Turning under load isn't measured here: torquebench turn --profile "
         "turning-verification",
     ), [table, *changing]
 
@@ -937,7 +1058,7 @@ def _factors(bench: BenchResult) -> tuple[Answer, Blocks]:
             ["speed", "with every reading", "zero and drag over speed: turn empty, fit --empty"],
             [
                 "lubrication",
-                f"record of the mounting: {lubrication or 'not entered'}",
+                Message("record of the mounting: {lubrication}", lubrication or "not entered"),
                 "drag and running-in: turn empty",
             ],
             ["temperature", "probes with every point", "zero and span: fit --empty"],
@@ -948,17 +1069,21 @@ def _factors(bench: BenchResult) -> tuple[Answer, Blocks]:
         return Answer(
             "speed, lubrication and temperature are recorded; what isn't measured widens U",
             "partly",
-            "errors over them are measured by the whole page of simulated benches",
+            "Errors over them are measured by the whole page of simulated benches",
         ), [recorded]
     raw, rest, found = (
         max(getattr(each, name) for each in errors) for name in ("raw", "at_rest", "identified")
     )
     return Answer(
-        f"worst error from 17 to 32 °C, at rest and turning, with two lubricants: {number(raw)} % "
-        f"FS raw, {number(rest)} % FS calibrated at rest, {number(found)} % FS with what was "
-        "identified",
+        Message(
+            "worst error from 17 to 32 °C, at rest and turning, with two lubricants: {raw} % FS "
+            "raw, {rest} % FS calibrated at rest, {identified} % FS with what was identified",
+            number(raw),
+            number(rest),
+            number(found),
+        ),
         "met" if found <= LIMIT_PERCENT else "not met",
-        "against 0.1 % FS",
+        "Against 0.1 % FS",
     ), [factor_table(errors), recorded]
 
 
@@ -968,7 +1093,7 @@ def _purpose(bench: BenchResult) -> tuple[Answer, Blocks]:
         return Answer(
             "torsional rigidity, transmission error, backlash, lost motion, efficiency, friction",
             "shown",
-            "measured by torquebench test full, with U and verdicts",
+            "Measured by torquebench test full, with U and verdicts",
         ), [Table(("quantity", "command"), [list(row) for row in PURPOSE], words=True)]
     rows = [
         [each.test, each.quantity, *stated(each.value, each.expanded_uncertainty), each.unit]
@@ -979,9 +1104,9 @@ def _purpose(bench: BenchResult) -> tuple[Answer, Blocks]:
         (name, value) for name, value in bench.tables.facts.items() if name.startswith(FAILED)
     ]
     return Answer(
-        f"{len(rows)} quantities of the mounted reducer, each with U",
+        Message("{count} quantities of the mounted reducer, each with U", len(rows)),
         "shown",
-        "torques compensated by the recommended model; a first look without warming up, "
+        "Torques compensated by the recommended model; a first look without warming up, "
         "torquebench test full takes all points",
     ), [
         Table(

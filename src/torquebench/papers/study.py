@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from torquebench import __version__
 from torquebench.atomic_write import atomic_write
 from torquebench.compensation import NetworkModel, features, make_model
+from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.units import TURN
 
@@ -217,7 +218,7 @@ def contenders(
             found += [
                 Contender(
                     "published-network",
-                    f"BP, {what}, {named}, {count} epochs",
+                    Message("BP, {output}, {start}, {count} epochs", what, named, count),
                     {"start": start, "mapping": mapping, "epochs": count},
                 )
                 for count in epochs
@@ -225,7 +226,7 @@ def contenders(
     found += [
         Contender(
             "published-network",
-            f"BP, additional torque, small start, until {target:g} N·m",
+            Message("BP, additional torque, small start, until {target:g} N·m", target),
             {"start": "small-uniform", "epochs": MOST_EPOCHS, "target_error_nm": target},
         )
         for target in targets_nm

@@ -23,7 +23,9 @@ def error_curves(data: CalibrationData, title: str = "") -> Panel:
             if rows.size:
                 part = data.subset(rows[np.argsort(np.abs(data.standard_nm[rows]), kind="stable")])
                 error = part.reading_nm - part.standard_nm
-                curves.append(Curve(f"{direction}, {word}", np.abs(part.standard_nm), error))
+                curves.append(
+                    Curve(Message.joined((direction, word)), np.abs(part.standard_nm), error)
+                )
     return Panel(curves, "|torque| in N·m", "error in N·m", range_nm=data.range_nm, title=title)
 
 

@@ -2,7 +2,9 @@
 
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import cast
 
 import numpy as np
@@ -11,13 +13,21 @@ import pytest
 from torquebench.calibration import CalibrationData
 from torquebench.operations import find_operation
 from torquebench.operations.mechanics import Mechanics
+from torquebench.operations.papers import PapersRequest, papers_page_of
 from torquebench.operations.place import Place
 from torquebench.papers.in_place import in_place_page
+from torquebench.papers.items import HARDWARE, SUB_SYSTEMS
 from torquebench.papers.models import BP_RESIDUAL, RECOMMENDED_NAME, fit_module
+from torquebench.papers.page import BEYOND, INTERFACE, PURPOSE, study_blocks
+from torquebench.papers.study import FAMILIES, Row, contenders
 from torquebench.papers.tables import ModuleTables
 from torquebench.progress import NO_PROGRESS
-from torquebench.reports.page import Diagram, Facts, Figure, Page, Table, drawn
+from torquebench.reports.page import Diagram, Facts, Figure, Page, Section, Table, drawn
 from torquebench.translations import has_words, translated
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+ADDRESSES = {row[-1] for rows in (BEYOND, INTERFACE, PURPOSE) for row in rows}
+"""Commands, and addresses of the HTTP API and of tests."""
 
 
 def in_place() -> Page:
@@ -56,12 +66,38 @@ def texts(page: Page) -> Iterator[str]:
                     yield from (curve.label for curve in panel.curves)
 
 
+def papers() -> Page:
+    study = [
+        Row(family, "50 rising", each.title, 3.0, 2.0, 2.5, 20, 3, 20)
+        for family in FAMILIES
+        for each in contenders()
+    ]
+    answer, blocks = study_blocks(study, 2)
+    tables = (Table(("here",), rows) for rows in (BEYOND, INTERFACE, PURPOSE))
+    facts = (Facts([*HARDWARE.items(), *((each, "") for each in SUB_SYSTEMS)]),)
+    measured = papers_page_of(
+        PapersRequest(tables=(EXAMPLES / "calibration-output.csv",), study=False),
+        Path("none"),
+        NO_PROGRESS,
+    )
+    own = Section(answer.ours, answer.why, (*blocks, *tables, *facts))
+    return replace(measured, sections=[*measured.sections, own])
+
+
 @pytest.mark.parametrize(
     "page",
-    [in_place, *(partial(mechanics, each) for each in ("additional-torque", "sections"))],
-    ids=["in-place", "additional-torque", "sections"],
+    [
+        in_place,
+        *(partial(mechanics, each) for each in ("additional-torque", "sections")),
+        pytest.param(papers, marks=pytest.mark.nightly),
+    ],
+    ids=["in-place", "additional-torque", "sections", "papers"],
 )
 def test_what_the_panel_shows_of_the_papers_is_chinese(page: Callable[[], Page]) -> None:
-    said = {each for each in texts(page()) if has_words(each) and re.search("[a-z]{2}", each)}
+    said = {
+        each
+        for each in texts(page())
+        if has_words(each) and re.search("[a-z]{2}", each) and each not in ADDRESSES
+    }
     assert len(said) > 5
     assert [each for each in sorted(said) if translated(each, "zh") == each] == []

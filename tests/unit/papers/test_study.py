@@ -128,7 +128,7 @@ def test_the_finding_says_on_which_chains_a_variant_holds() -> None:
         for title, ratio in (("polynomial, degree 2", 1.0), ("BP, small start", 3.0))
     ]
     answer, tables = study_blocks(rows, CHAINS)
-    assert "smooth, 50 rising: small start; rippled, 50 rising: none" in answer.ours
+    assert "smooth, 50 rising: BP, small start; rippled, 50 rising: none" in answer.ours
     assert answer.verdict == "partly"
     assert "--quick" not in answer.why
     assert "2 chains are few" in study_blocks(rows, 2)[0].why
