@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -18,6 +19,29 @@ if TYPE_CHECKING:
     from torquebench.chain.measuring_chain import MeasuringChain
     from torquebench.chain.readings import Readings
     from torquebench.chain.torque import Torque
+
+RECORDS = (
+    "certificate {number} of {item}",
+    "certificate {number}, {laboratory}",
+    "counter {identity}",
+    "description of the flange",
+    "description of transducer {serial}",
+    "calibration in place",
+    "the readings' own",
+    "standard errors of the calibration's points",
+    "stated on the command line",
+    "stated with the fit",
+    "identified from {tables}",
+    "empty run {run}",
+    "empty runs {runs}",
+    "{size} points of the calibration",
+    "{count} zeros of {tables}",
+    "drag multiplied by {factor} by {run}",
+)
+"""Templates of the parts of effects' records, which model files keep as text."""
+_PATTERNS = {
+    template: re.compile(re.sub(r"\\{\w+\\}", "(.+?)", re.escape(template))) for template in RECORDS
+}
 
 Standing = Literal["holds", "outside", "unmeasured", "off", "missing"]
 
@@ -79,7 +103,7 @@ def effect_states(chain: MeasuringChain, readings: Readings, torque: Torque) -> 
             states.append(
                 EffectState(
                     name,
-                    effect.record,
+                    record_message(effect.record),
                     added if says else None,
                     float(torque.component(name)[0]),
                     "off" if off else state,
@@ -90,6 +114,24 @@ def effect_states(chain: MeasuringChain, readings: Readings, torque: Torque) -> 
     missing = chain.missing()
     held = [each for each in states if each.name not in missing]
     return held + [EffectState(name, "", None, None, "missing") for name in missing]
+
+
+def record_message(record: str) -> Message:
+    """Return an effect's record as a message, so that a panel can translate its parts.
+
+    Examples
+    --------
+    >>> record_message("certificate 17 of SIM-CAL-1; counter C-1").values["1"].template
+    'counter {identity}'
+    """
+    return Message.joined(map(_part, record.split("; ")), "; ")
+
+
+def _part(text: str) -> Message:
+    for template, pattern in _PATTERNS.items():
+        if found := pattern.fullmatch(text):
+            return Message(template, *found.groups())
+    return Message("{record}", text)
 
 
 def not_in_u(missing: Sequence[str]) -> Message | None:

@@ -378,15 +378,16 @@ def support_blocks(
         Figure(
             bodies_figure(
                 [
-                    ("cantilever, vertical axis", found.cantilever),
-                    ("cantilever, horizontal shaft", found.horizontal),
-                    ("hollow cylinder", found.cylinder),
+                    ("A", found.cantilever),
+                    ("B", found.horizontal),
+                    ("C", found.cylinder),
                 ]
             ),
             Message(
-                "Supports under {torque:g} N·m, feet clamped; displacements enlarged alike. A "
-                "horizontal bench's torque acts about its shaft, along the arm: it bends the "
-                "column.",
+                "Supports under {torque:g} N·m, feet clamped: cantilever about the vertical axis "
+                "(A) and about the horizontal shaft (B), hollow cylinder (C). Colours: "
+                "displacement, which is enlarged alike. A horizontal bench's torque acts about its "
+                "shaft, along the arm: it bends the column.",
                 torque_nm,
             ),
         ),

@@ -118,12 +118,12 @@ def _draw(axes: Any, panel: Panel, legend: int) -> None:
 def bodies_figure(bodies: Sequence[tuple[str, TwistedSolid]], *, share: float = 0.08) -> str:
     """Draw twisted bodies side by side, with magnified displacements.
 
-    All bodies have the same colour scale of displacement and the same magnification.
+    All bodies have the same colour scale of displacement in µm and the same magnification.
 
     Parameters
     ----------
     bodies : sequence of (str, TwistedSolid)
-        Title and body.
+        Letter, which the caption explains in every language, and body.
     share : float
         Largest displacement in the drawing, as a share of the largest body's size.
 
@@ -167,5 +167,5 @@ def bodies_figure(bodies: Sequence[tuple[str, TwistedSolid]], *, share: float = 
             place.set_title(title, fontsize=9)
         shown = mpl.cm.ScalarMappable(norm, palette)
         bar = figure.colorbar(shown, ax=axes, shrink=0.7, pad=0.02)
-        bar.set_label(f"displacement in µm (drawn {enlarged:.0f} times)")
+        bar.set_label("µm")
         return svg_text(figure)

@@ -1,10 +1,13 @@
 """What every effect makes of a reading: contribution, uncertainty, whether it holds, its switch."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from torquebench.bench.chain_effects import chain_effects
+from torquebench.bench.description import default_bench
 from torquebench.chain import (
     EffectState,
     Inertia,
@@ -16,8 +19,10 @@ from torquebench.chain import (
     effect_states,
     not_in_u,
 )
+from torquebench.chain.states import RECORDS, record_message
 from torquebench.compensation import features, make_model
 from torquebench.errors import InputError
+from torquebench.translations import templates, translated
 from torquebench.uncertainty import CertifiedUncertainty
 
 ROTATION = MeasuredRotation(
@@ -109,3 +114,12 @@ def test_a_switched_off_correction_leaves_its_size_in_u(chain: MeasuringChain) -
     assert states(less.switched("a test", []), TURNING) == whole
     with pytest.raises(InputError, match="wobble"):
         chain.switched("a test", ["wobble"])
+
+
+def test_every_record_is_said_in_chinese() -> None:
+    stated = {effect.record for effect in chain_effects(default_bench(), "output")}
+    stored = {"certificate 7 of SIM-CAL-1; certificate 8 of C 9, PTB", "tables; 5 zeros of a.csv"}
+    words = [translated(record_message(record), "zh") for record in stated | stored]
+    assert len(stated) > 2
+    assert [text for text in words if not re.search("[\u4e00-\u9fff]", text)] == []
+    assert [template for template in RECORDS if template not in templates("zh")] == []
