@@ -35,6 +35,7 @@ __all__ = [
     "group_figure",
     "legend_above",
     "new_figure",
+    "palette",
     "percent_axis",
     "staircase_figure",
     "styled",
@@ -44,6 +45,8 @@ __all__ = [
 # Okabe and Ito's palette: distinguishable for colour-blind readers and in grey print.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 RAW_COLOUR = "#8A8A8A"
+SIDE_COLOURS = {"input": COLOURS[0], "output": COLOURS[1]}
+"""Colour of what is measured at a side, everywhere; that of the standard is `COLOURS[2]`."""
 STYLE: Any = {  # Matplotlib types its keys one by one
     "font.size": 9.0,
     "font.family": "DejaVu Sans",
@@ -59,6 +62,17 @@ STYLE: Any = {  # Matplotlib types its keys one by one
 }
 _UP, _DOWN = "^", "v"
 _LEGEND_CHARACTERS = 100
+
+
+def palette(side: str = "") -> tuple[str, ...]:
+    """Return the colours of curves in order; those of a module begin with its side's colour.
+
+    Examples
+    --------
+    >>> palette("output")[0] == COLOURS[1], palette()[:2] == COLOURS[:2]
+    (True, True)
+    """
+    return (SIDE_COLOURS[side], *COLOURS[3:]) if side in SIDE_COLOURS else COLOURS
 
 
 @dataclass(frozen=True)
@@ -250,6 +264,7 @@ def error_figure(
     markers: bool = True,
     abscissa: str = "torque in N·m",
     ordinate: str = "error in N·m",
+    side: str = "",
 ) -> str:
     """Draw the error over torque: raw in the upper panel, compensated below with its own scale.
 
@@ -266,6 +281,8 @@ def error_figure(
         Whether to draw points instead of lines.
     abscissa, ordinate : str
         Labels of the axes.
+    side : {"", "input", "output"}
+        Module whose errors they are: its compensated torque has its side's colour.
 
     Returns
     -------
@@ -281,7 +298,7 @@ def error_figure(
     with styled():
         figure, panels = new_figure(2.0 * len(groups) + 0.9, len(groups))
         for axes, group in zip(panels, groups, strict=True):
-            for order, (colour, curve) in enumerate(zip(COLOURS, group, strict=False)):
+            for order, (colour, curve) in enumerate(zip(palette(side), group, strict=False)):
                 axes.plot(
                     curve.x,
                     curve.y,

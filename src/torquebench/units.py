@@ -88,7 +88,7 @@ UNIT_OF_ENDING: Mapping[str, str] = {
     "_percent_per_h": "%/h",
     "_arcmin_per_nm": "arcmin/(N·m)",
     "_nm_per_arcmin": "N·m/arcmin",
-    "_percent_fs": "% of full scale",
+    "_percent_fs": "% FS",
     "_nm_per_s": "N·m/s",
     "_rpm_per_s": "rpm/s",
     "_hz_per_nm": "Hz/(N·m)",

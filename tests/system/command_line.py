@@ -34,7 +34,8 @@ def environment(**changes: str) -> dict[str, str]:
 @functools.cache
 def prepared() -> PreparedCommands:
     ours = {k: v for k, v in environment().items() if not k.startswith("TORQUEBENCH_")}
-    ours["PYTHONPATH"] = os.pathsep.join([str(ROOT), ours["PYTHONPATH"]])  # for code of tests
+    before = ours.get("PYTHONPATH")
+    ours["PYTHONPATH"] = os.pathsep.join([str(ROOT), *([before] if before else [])])  # of tests
     ours["TORQUEBENCH_PRIORITY"] = "usual"  # whoever asks first
     commands = PreparedCommands(Path(os.environ["PREPARED_COMMANDS"]), ours)
     atexit.register(commands.close)

@@ -97,11 +97,55 @@ def test_a_small_screen_shows_one_row_of_tools_and_three_plots_of_160_pixels(
         ["Input, raw torque"],
         ["Input, speed", "Output, speed"],
     ]
+    drawn = option(person, "series.map(({name, z, lineStyle}) => [name, z, lineStyle.width])")
+    beneath = [each for each in drawn if "raw" in each[0]]
+    above = [each for each in drawn if each not in beneath]
+    assert max(z for _, z, _ in beneath) < min(z for _, z, _ in above)
+    assert min(width for *_, width in beneath) >= 2 * max(width for *_, width in above)
+    person.size(390, 844)
+    person.wait(lambda: len(set(person.driver.execute_script(tops))) == 3, "three rows of tools")
+
+
+def test_without_a_model_live_leads_to_the_calibration(person: Visitor) -> None:
+    person.open("/")
+    for side in ("input", "output"):
+        person.press("Calibrate", within=f"//section[contains(@class, '{side}')]")
+        person.sees("Start calibration")
+        person.open("/")
+
+
+def test_the_mouse_reads_all_charts_at_one_time(person: Visitor) -> None:
+    person.open("/")
+    person.wait(lambda: len(heads(person)) == 5, "a table of values")
+    assert heads(person)[1] == "Newest"
+    plot = person.driver.find_element(By.CSS_SELECTOR, ".trend")
+    rows = "return [...document.querySelectorAll('.pointed li')].map((each) => each.textContent)"
+
+    def read() -> list[str]:
+        ActionChains(person.driver).move_to_element_with_offset(plot, 40, 0).perform()
+        ActionChains(person.driver).move_by_offset(3, 3).perform()
+        found: list[str] = person.driver.execute_script(rows)
+        return found if len(found) == 5 else []
+
+    time, *values = person.wait(read, "readings at the mouse")
+    assert re.fullmatch(r"\d\d:\d\d:\d\d\.\d\d", time)
+    assert [re.sub(r"[−\d.]+ ", " ", each) for each in values] == [
+        "Output, raw torque N·m", "Input, raw torque N·m", "Input, speed rpm", "Output, speed rpm",
+    ]  # fmt: skip
+    share = (
+        "const height = (place) => document.querySelector(place).getBoundingClientRect().height;"
+        "return height('.pointed') / height('.trend')"
+    )
+    assert person.driver.execute_script(share) > 0.9
+    ActionChains(person.driver).move_to_element(
+        person.driver.find_element(By.TAG_NAME, "header")
+    ).perform()
+    person.wait(lambda: not person.driver.execute_script(rows), "no readings without the mouse")
 
 
 def test_a_span_is_drawn_held_and_left_again(person: Visitor) -> None:
     person.open("/")
-    person.wait(lambda: len(heads(person)) == 4, "a table of values")
+    person.wait(lambda: len(heads(person)) == 5, "a table of values")
     person.wait(lambda: span_s(person) == pytest.approx(10.0, abs=0.01), "ten seconds")
     plot = person.driver.find_element(By.CSS_SELECTOR, ".trend")
     ActionChains(person.driver).move_to_element_with_offset(
@@ -244,7 +288,7 @@ def test_a_channel_is_computed_by_a_formula_whose_unit_is_checked(person: Visito
     person.press("Close", within="//div[contains(@class, 'sheet')]")
     values = "return [...document.querySelectorAll('.trend-values tbody tr')].map((row) => "
     values += (
-        "[row.children[0].textContent, Number(row.children[3].textContent.replace('−', '-'))])"
+        "[row.children[0].textContent, Number(row.children[4].textContent.replace('−', '-'))])"
     )
 
     def twice() -> bool:
@@ -326,7 +370,7 @@ def test_a_span_is_shown_as_spectrum_and_histogram(person: Visitor) -> None:
 @pytest.mark.nightly
 def test_the_chart_is_saved_as_picture_and_table(person: Visitor, folder: Path) -> None:
     person.open("/")
-    person.wait(lambda: len(heads(person)) == 4, "a table of values")
+    person.wait(lambda: len(heads(person)) == 5, "a table of values")
     choose_tool(person, "Picture")
     assert saved(person, folder, "png").read_bytes()[:4] == b"\x89PNG"
     choose_tool(person, "CSV")

@@ -25,6 +25,12 @@ SAME_PLACE_SHARE = 0.1
 range."""
 
 CELL_SHARE = 0.05
+SAME_NUMBER = "points of the same number in their groups"
+SAME_CELL = "points of one branch and direction in the same 5 % of range"
+SAME_TURNING_CELL = (
+    "points of one branch and direction in the same 5 % of range and of the largest speed"
+)
+"""What counts as one place where groups have the same points, and where they have their own."""
 
 
 class Chain(Protocol):
@@ -346,16 +352,13 @@ class _Places:
             if np.all(near) and np.all(branch == branch[0]):
                 label = np.empty(len(data), dtype=np.intp)
                 label[table] = np.arange(size)
-                rule = "points of the same number in their groups"
-                return cls(label, data.range_nm, rule)
+                return cls(label, data.range_nm, SAME_NUMBER)
         cell = np.floor(np.abs(data.standard_nm) / (CELL_SHARE * data.range_nm)).astype(np.int64)
         turning = np.floor(speed / (CELL_SHARE * top_rpm)).astype(np.int64)
         sign = np.sign(data.standard_nm).astype(np.int64)
         keys = np.stack([cell, data.branch, sign, turning], axis=1)
         _, label = np.unique(keys, axis=0, return_inverse=True)
-        rule = f"points of one branch and direction in the same {100 * CELL_SHARE:.0f} % of range"
-        if data.speed_rpm is not None:
-            rule += " and of the largest speed"
+        rule = SAME_CELL if data.speed_rpm is None else SAME_TURNING_CELL
         return cls(label.reshape(-1), data.range_nm, rule)
 
     def _mean(self, values: NDArray[np.float64]) -> NDArray[np.float64]:

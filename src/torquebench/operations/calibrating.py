@@ -621,7 +621,7 @@ def residuals(module: CalibratedModule) -> list[Block]:
         Curve(model.title, points.standard_nm, model.torque_nm - points.standard_nm)
         for model in module.models
     ]
-    axes: dict[str, Any] = {"markers": True, "range_nm": module.range_nm}
+    axes: dict[str, Any] = {"markers": True, "range_nm": module.range_nm, "side": module.side}
     panels = [
         Panel([raw], "torque in N·m", "error in N·m", **axes),
         Panel(after, "torque in N·m", "residual in N·m", limits=(-limit, limit), **axes),

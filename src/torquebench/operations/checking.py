@@ -337,7 +337,10 @@ class VerifiedModule(Result):
         facts = [
             ("Transducer", self.transducer_serial),
             ("Points", words),
-            ("Torques", "the same in every group" if self.same_points else "new in every group"),
+            (
+                "Torques of the points",
+                "the same in every group" if self.same_points else "new in every group",
+            ),
             ("Run", self.run_ids[0]),
         ]
         heading = Message("{side}, {range_nm:g} N·m", SIDE_TITLES[self.side], self.range_nm)
@@ -400,7 +403,7 @@ def _verdicts(result: VerifiedModule) -> Table:
     caption = Message(
         "Tolerance {limit:g} % FS of error, with guard band w = U, and of repeatability{rule}.",
         limit,
-        f": {rule}" if rule else "",
+        Message(": {rule}", rule) if rule else "",
     )
     return Table(header, rows, caption, 1)
 
@@ -432,7 +435,7 @@ def errors_diagram(result: VerifiedModule) -> Diagram:
         )
         for each in result.models
     ]
-    axes: dict[str, Any] = {"markers": True, "range_nm": result.range_nm}
+    axes: dict[str, Any] = {"markers": True, "range_nm": result.range_nm, "side": result.side}
     panels = [
         Panel(curves[:1], "torque in N·m", "error in N·m", **axes),
         Panel(curves[1:], "torque in N·m", "error in N·m", limits=(-limit, limit), **axes),

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from torquebench.figures import (
-    COLOURS,
     RAW_COLOUR,
     Curve,
     blank_figure,
     legend_above,
+    palette,
     percent_axis,
     styled,
     svg_text,
@@ -44,6 +44,8 @@ class Panel:
     logarithmic : str
         Logarithmic axes: "", "x", "y" or "xy".
     title : str
+    side : {"", "input", "output"}
+        Module whose curves they are: the first one that isn't raw has its side's colour.
     """
 
     curves: Sequence[Curve]
@@ -54,6 +56,7 @@ class Panel:
     range_nm: float | None = None
     logarithmic: str = ""
     title: str = ""
+    side: str = ""
 
 
 def panels_figure(panels: Sequence[Panel], *, columns: int = 1, height: float = 2.6) -> str:
@@ -83,7 +86,7 @@ def panels_figure(panels: Sequence[Panel], *, columns: int = 1, height: float = 
 
 
 def _draw(axes: Any, panel: Panel, legend: int) -> None:
-    colours = iter(COLOURS * 3)
+    colours = iter(palette(panel.side) * 3)
     for curve in panel.curves:
         colour = RAW_COLOUR if curve.raw else next(colours)
         label = curve.label or None

@@ -186,7 +186,7 @@ def _figures(module: ModuleResult) -> list[Figure]:
     ]
     figures = [
         Figure(
-            error_figure(points, module.range_nm, limit_fs=SOURCES_LIMIT_FS),
+            error_figure(points, module.range_nm, limit_fs=SOURCES_LIMIT_FS, side=module.side),
             f"Error of every verification reading against the {reference_name(module)}: "
             "uncompensated above, compensated below. Dashed: 0.1 % FS.",
         ),
@@ -205,7 +205,13 @@ def _figures(module: ModuleResult) -> list[Figure]:
         ]
         figures.append(
             Figure(
-                error_figure(curves, module.range_nm, limit_fs=SOURCES_LIMIT_FS, markers=False),
+                error_figure(
+                    curves,
+                    module.range_nm,
+                    limit_fs=SOURCES_LIMIT_FS,
+                    markers=False,
+                    side=module.side,
+                ),
                 "Error of each model alone in a dense sweep without noise, increasing "
                 "and decreasing in both directions. Dashed: 0.1 % FS.",
             )

@@ -2,9 +2,36 @@
 
 import math
 
+import numpy as np
 import pytest
 
-from torquebench.panel.components.charts import Line, _legend, error_bars, limit_lines
+from torquebench import figures
+from torquebench.panel.components.charts import (
+    COLOURS,
+    Line,
+    _legend,
+    error_bars,
+    limit_lines,
+    palette,
+)
+from torquebench.panel.components.page_view import _lines
+from torquebench.panel.pages.live.chart import COLOURS as LIVE
+from torquebench.panel.text import Text
+from torquebench.reports.curve_figures import Panel
+
+
+@pytest.mark.parametrize("side", ["", "input", "output"])
+def test_a_curve_has_the_same_colour_on_paper_on_a_result_and_live(side: str) -> None:
+    on_paper = dict(zip(figures.COLOURS, COLOURS, strict=False))
+    both = list(zip(figures.palette(side), palette(side), strict=False))
+    assert [on_paper[paper] for paper, _ in both if paper in on_paper] == [
+        screen for paper, screen in both if paper in on_paper
+    ]
+    x = np.zeros(2)
+    curves = [figures.Curve("raw", x, x, raw=True), figures.Curve("model", x, x)]
+    raw, compensated = _lines(Text("en"), Panel(curves, "x", "y", side=side))
+    assert (raw.colour, compensated.colour) == (LIVE["raw_nm"], LIVE[side or "input"])
+    assert palette(side).count(LIVE["reference_nm"]) == (side == "")  # the standard's own
 
 
 def test_each_value_has_a_bar_of_its_own() -> None:

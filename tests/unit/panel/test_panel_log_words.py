@@ -43,5 +43,7 @@ def test_details_leave_out_what_nobody_filled_in() -> None:
     )
     assert details_said(Text("zh"), {"done": False, "state": "done"}) == "完成: 否; 状态: 完成"
     assert details_said(Text("zh"), {"address": "test"}) == "地址: test"
+    use = {"kind": "records-use", "request": {"model": 3, "reason": "it is better"}}
+    assert details_said(Text("en"), use) == "kind: records-use; Model: 3; Reason: it is better"
     trigger = {"kind": "record", "request": {"trigger": {"signal": "output_speed_rpm"}}}
     assert details_said(Text("en"), trigger).endswith(": Output, speed")

@@ -12,11 +12,17 @@ from nicegui import ui
 from torquebench.panel.components.elements import box, icon
 from torquebench.panel.text import Text
 
-__all__ = ["COLOURS", "Chart", "Line", "error_bars", "error_chart", "limit_lines"]
+__all__ = ["COLOURS", "Chart", "Line", "error_bars", "error_chart", "limit_lines", "palette"]
 
-COLOURS = ("--series-2", "--series-1", "--series-3", "--series-4", "--warn", "--ink")
-"""Custom properties of the style sheet, with colours that colour-blind readers can distinguish.
-"""
+COLOURS = ("--series-1", "--series-2", "--series-3", "--series-4", "--warn", "--ink")
+"""Custom properties of the style sheet, with colours that colour-blind readers can distinguish, in
+the order of `torquebench.figures.COLOURS`."""
+SIDE_COLOURS = {"input": COLOURS[0], "output": COLOURS[1]}
+
+
+def palette(side: str = "") -> tuple[str, ...]:
+    """Return the colours of curves in order, as `torquebench.figures.palette` does on paper."""
+    return (SIDE_COLOURS[side], *COLOURS[3:]) if side in SIDE_COLOURS else COLOURS
 
 
 @dataclass(frozen=True)
@@ -86,7 +92,7 @@ def _axis(
         "type": "category" if names else kind,
         "name": title,
         "nameLocation": "end" if vertical else "middle",
-        "nameGap": 14 if vertical else 34,
+        "nameGap": 10 if vertical else 34,
         "nameTextStyle": {
             "fontSize": 14,
             "align": "left" if vertical else "center",
@@ -201,7 +207,7 @@ class Chart:
         options: dict[str, Any] = {
             "animation": False,
             "textStyle": {":fontFamily": "getComputedStyle(document.body).fontFamily"},
-            "grid": {"left": 72, "right": 26, "top": 64, "bottom": 54},
+            "grid": {"left": 72, "right": 26, "top": 76, "bottom": 54},
             "legend": {
                 "top": 0,
                 "left": 0,

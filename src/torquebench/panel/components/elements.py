@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from inspect import iscoroutine
 from typing import Any, ParamSpec, TypeVar
 
@@ -84,8 +84,10 @@ def words(tag: str, text: str, classes: str = "", **attributes: Any) -> Any:
     return _dress(Words(tag, text), classes, attributes)
 
 
-def moment(at: datetime, *, seconds: bool = False) -> Any:
-    """Add a time, which the browser shows in the reader's time zone and format (`panel.js`)."""
+def moment(at: date, *, seconds: bool = False) -> Any:
+    """Add a time or a day, which the browser shows in the reader's zone and format (`panel.js`)."""
+    if not isinstance(at, datetime):
+        return words("time", at.isoformat(), "number", datetime=at.isoformat())
     utc = at.astimezone(UTC)
     said = f"{utc:%Y-%m-%d %H:%M:%S}" if seconds else f"{utc:%Y-%m-%d %H:%M}"
     stamp = f"{utc:%Y-%m-%dT%H:%M:%SZ}"
@@ -173,13 +175,13 @@ def empty(text: str, picture: str = "inbox") -> Any:
     return frame
 
 
-def pairs(items: Iterable[tuple[str, str | datetime]]) -> Any:
+def pairs(items: Iterable[tuple[str, str | date]]) -> Any:
     """Add a list of names and values."""
     frame = box("dl", "pairs")
     with frame:
         for name, value in items:
             words("dt", name)
-            if isinstance(value, datetime):
+            if isinstance(value, date):
                 with box("dd"):
                     moment(value, seconds=True)
             else:
@@ -226,7 +228,7 @@ def headings(
 def table(
     caption: str,
     columns: Sequence[tuple[str, bool]],
-    rows: Sequence[Sequence[str | datetime]],
+    rows: Sequence[Sequence[str | date]],
     *,
     best: int | None = None,
     on_row: Callable[[int], Any] | None = None,
@@ -240,7 +242,7 @@ def table(
     caption : str
     columns : sequence of (str, bool)
         Heading, and whether the column contains numbers.
-    rows : sequence of sequence of str or datetime.datetime
+    rows : sequence of sequence of str, datetime.datetime or datetime.date
     best : int, optional
         Row to emphasise.
     on_row : callable, optional
@@ -267,7 +269,7 @@ def table(
                         line.props["aria-selected"] = "true"
                     for (heading, numbers), value in zip(columns, row, strict=True):
                         kind = "number" if numbers else ""
-                        if isinstance(value, datetime):
+                        if isinstance(value, date):
                             with box("td", kind, data_heading=heading):
                                 moment(value)
                         else:
@@ -277,11 +279,11 @@ def table(
     return frame
 
 
-def _named(value: str | datetime) -> str:
+def _named(value: str | date) -> str:
     """Return a row's first value as text for a button's label."""
-    return (
-        f"{value.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC" if isinstance(value, datetime) else value
-    )
+    if isinstance(value, datetime):
+        return f"{value.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC"
+    return str(value)
 
 
 def _row_button(label: str, name: str, place: int, on_row: Callable[[int], Any]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from nicegui import background_tasks, ui
 
-from torquebench.panel.components.charts import COLOURS, Chart, Line, limit_lines
+from torquebench.panel.components.charts import Chart, Line, limit_lines, palette
 from torquebench.panel.components.elements import (
     box,
     in_thread,
@@ -104,7 +104,7 @@ def show_diagram(text: Text, diagram: Diagram, *, tall: bool = False) -> None:
 
 
 def _lines(text: Text, part: Panel) -> list[Line]:
-    colours = iter(COLOURS * 3)
+    colours = iter(palette(part.side) * 3)
     lines = []
     for curve in part.curves:
         points = part.markers or curve.style not in LINES

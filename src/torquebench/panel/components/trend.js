@@ -73,8 +73,8 @@ export default {
           <button type="button" class="control small" :class="{ primary: held }" :disabled="!held" @click="follow">{{ words.live }}</button>
           <button type="button" class="control small" :aria-label="words.zoom_in" :title="words.zoom_in" @click="zoom(0.5)">+</button>
           <button type="button" class="control small" :aria-label="words.zoom_out" :title="words.zoom_out" @click="zoom(2)">−</button>
-          <button type="button" class="control small" :aria-label="words.earlier" :title="words.earlier" @click="pan(-0.5)">◂</button>
-          <button type="button" class="control small" :aria-label="words.later" :title="words.later" @click="pan(0.5)">▸</button>
+          <button type="button" class="control small pan" :aria-label="words.earlier" :title="words.earlier" @click="pan(-0.5)">◂</button>
+          <button type="button" class="control small pan" :aria-label="words.later" :title="words.later" @click="pan(0.5)">▸</button>
         </span>
         <button v-if="!x && !digits.length" type="button" class="control small" :aria-pressed="String(cursors !== null)" @click="switchCursors">{{ words.cursors }}</button>
         <details class="menu" ref="menu" @click="pressed" @keydown.esc="closeMenu" @focusout="left">
@@ -98,12 +98,17 @@ export default {
              :style="{ left: cursor.x + 'px' }" :key="index" :aria-label="words.cursor + ' ' + 'AB'[index]"
              :aria-valuenow="cursor.time" :aria-valuemin="cursor.start" :aria-valuemax="cursor.stop" :aria-valuetext="cursor.text"
              @pointerdown.stop="grab(index, $event)" @keydown.stop="moveCursor(index, $event)"><span>{{ "AB"[index] }}</span></div>
+        <div v-if="pointed" class="pointed" aria-hidden="true" :style="{ left: pointed.x + 'px' }">
+          <ul :class="{ before: pointed.before }"><li class="number">{{ pointed.clock }}</li>
+            <li v-for="row in pointed.rows" :key="row.title"><span class="key" :style="{ background: row.colour }"></span>{{ row.title }}<b class="number">{{ row.value }}</b></li></ul>
+        </div>
         <div v-if="band" class="zoom-band" :style="{ left: band.left + 'px', width: band.width + 'px' }"></div>
       </div>
       <div v-show="!digits.length" class="scroll" tabindex="0" role="region" :aria-label="words.values">
         <table class="data compact trend-values">
           <thead><tr>
             <th scope="col">{{ heading }}</th>
+            <th scope="col" class="number">{{ words.newest }}</th>
             <th scope="col" class="number">{{ words.minimum }}</th>
             <th scope="col" class="number">{{ words.maximum }}</th>
             <th scope="col" class="number">{{ words.mean }}</th>
@@ -119,7 +124,7 @@ export default {
   props: {
     label: String,
     words: Object,
-    series: Array, // {name, title, unit, grid, axis, colour, dashed, decimals}
+    series: Array, // {name, title, unit, grid, axis, colour, dashed, under, decimals}
     x: Object, // horizontal signal of an XY plot, as a series
     digits: { type: Array, default: () => [] }, // signals shown as large numbers, as series
     grids: Array, // {title, floor, second, secondFloor, ends}
@@ -128,7 +133,7 @@ export default {
     name: String, // of files that are saved
   },
   data() {
-    return { held: false, cursors: null, shownCursors: [], peaks: false, band: null, large: [], values: [], heading: "" };
+    return { held: false, cursors: null, shownCursors: [], pointed: null, peaks: false, band: null, large: [], values: [], heading: "" };
   },
   mounted() {
     this.seconds = 10;
@@ -159,6 +164,8 @@ export default {
     place.addEventListener("pointerdown", (event) => this.press(event));
     place.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     place.addEventListener("dblclick", () => this.follow());
+    place.addEventListener("pointermove", (event) => this.point(event));
+    place.addEventListener("pointerleave", () => this.point(null));
     this.layout();
     this.timer = setInterval(() => this.judge(), 100);
     this.numbers = {};
@@ -233,8 +240,9 @@ export default {
       const series = this.series.map((each) => ({
         type: "line", name: each.title, data: [], showSymbol: false, animation: false, silent: true,
         xAxisIndex: each.grid, yAxisIndex: 2 * each.grid + (each.axis ?? 0),
-        lineStyle: { width: each.dashed ? 1.4 : 2, type: each.dashed ? "dashed" : "solid", color: this.colour(each.colour) },
-        itemStyle: { color: this.colour(each.colour) }, z: each.dashed ? 3 : 2, symbol: "none", // dashes stay in sight
+        // A broad line beneath and dashes above stay in sight where all of them have one value.
+        lineStyle: { width: each.under ? 5 : each.dashed ? 1.4 : 2, type: each.dashed ? "dashed" : "solid", color: this.colour(each.colour), opacity: each.under ? 0.6 : 1 },
+        itemStyle: { color: this.colour(each.colour) }, z: each.under ? 1 : each.dashed ? 3 : 2, symbol: "none",
       }));
       const textStyle = { fontFamily: getComputedStyle(document.body).fontFamily };
       this.chart.setOption({ animation: false, textStyle, legend, grid, xAxis, yAxis, series }, { notMerge: true });
@@ -476,7 +484,7 @@ export default {
           sum += point.mean;
         }
         const text = (value) => fixedText(value, each.decimals);
-        const values = [low, high, points.length ? sum / points.length : NaN];
+        const values = [points.at(-1)?.mean ?? NaN, low, high, points.length ? sum / points.length : NaN];
         if (this.peaks) values.push(this.peak[each.name]?.low ?? NaN, this.peak[each.name]?.high ?? NaN);
         if (this.cursors) {
           const [a, b] = this.cursors.map((time) => this.at(points, time));
@@ -492,6 +500,27 @@ export default {
       }));
       const same = shown.length === this.shownCursors.length && shown.every((each, place) => each.x === this.shownCursors[place].x);
       if (!same) this.shownCursors = shown;
+    },
+
+    // -- what the mouse points at: a line through all charts, with the readings at its time -------
+    point(event) {
+      const free = event?.pointerType === "mouse" && event.buttons === 0 && !this.x;
+      this.pointer = free ? this.share(event) : null;
+      this.dirty = true;
+      this.schedule();
+    },
+    placePointed(found, { start, stop }) {
+      if (typeof this.pointer !== "number") {
+        this.pointed = null;
+        return;
+      }
+      const time = start + this.pointer * (stop - start);
+      const rows = this.series.map((each) => ({ each, value: this.at(found[each.name], time) })).filter(({ value }) => Number.isFinite(value));
+      this.pointed = {
+        x: this.left + (this.plot.clientWidth - this.left - this.right) * this.pointer,
+        before: this.pointer > 0.5, clock: clock((time + this.offset) * 1000, true),
+        rows: rows.map(({ each, value }) => ({ title: each.title, colour: this.colour(each.colour), value: `${fixedText(value, each.decimals)} ${each.unit}` })),
+      };
     },
 
     // -- the menu: closed by a choice, by Escape and by leaving it -------------------------------
@@ -606,6 +635,7 @@ export default {
       const xAxis = this.grids.map(() => ends ?? { min: (shown.start + this.offset) * 1000, max: (shown.stop + this.offset) * 1000 });
       this.chart.setOption({ xAxis, yAxis, series, ...this.legends(found) }, { silent: true });
       this.placeCursors(shown);
+      this.placePointed(found, shown);
       const now = performance.now();
       if (now - this.valuesAt > VALUES_EVERY_MS) {
         this.valuesAt = now;

@@ -32,6 +32,8 @@ class Trace:
     colour : str
         Custom property of the style sheet.
     dashed : bool
+    under : bool
+        Whether it is a broad line beneath the others.
     axis : int
         Scale: 0 is the left one, 1 the right one.
     decimals : int
@@ -44,6 +46,7 @@ class Trace:
     grid: int
     colour: str
     dashed: bool = False
+    under: bool = False
     axis: int = 0
     decimals: int = 2
 

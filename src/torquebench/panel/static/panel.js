@@ -106,9 +106,11 @@
       const timeStyle = time.dataset.seconds ? "medium" : "short";
       time.shownFor = time.dateTime;
       const locale = root.lang.startsWith("en") ? undefined : root.lang;
-      time.shown = new Date(time.dateTime).toLocaleString(locale, { dateStyle: "medium", timeStyle });
+      const day = time.dateTime.length === 10;
+      const style = day ? { timeZone: "UTC" } : { timeStyle };
+      time.shown = new Date(time.dateTime).toLocaleString(locale, { dateStyle: "medium", ...style });
       time.textContent = time.shown;
-      time.title = time.dateTime.replace("T", " ").replace("Z", " UTC");
+      time.title = day ? time.dateTime : time.dateTime.replace("T", " ").replace("Z", " UTC");
     }
   }, 250);
 

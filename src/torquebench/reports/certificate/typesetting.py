@@ -107,4 +107,5 @@ def errors_svg(record: CertificateRecord, language: str) -> str:
         limit_fs=None if conformity is None else conformity.tolerance_percent_fs / 100.0,
         abscissa=words["figure_torque"],
         ordinate=words["figure_error"],
+        side=record.item.side,
     )

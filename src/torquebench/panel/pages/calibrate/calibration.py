@@ -520,43 +520,55 @@ def _certificate(page: _CalibrationPage, found: _Calibration) -> None:
         if not visitor.has_role("metrologist"):
             visitor.not_allowed()
             return
-        words(
-            "p",
-            text(
-                "The certificate states calibration, verification and uncertainties. "
-                "Issuing it needs your password again."
-            ),
-        )
-        languages = Choice(text("Languages"), LANGUAGES, (text.language,), several=True)
-        tolerance = tolerance_field(text)
+        if found.detail.certificates:
+            with box("details"):
+                words("summary", text("Issue another certificate"))
+                with box("div", "stack"):
+                    _issue(page)
+        else:
+            _issue(page)
 
-        def request() -> dict[str, Any] | None:
-            limit = tolerance.number()
-            if limit is None:
-                return None
-            chosen = tuple(name for name in LANGUAGES if name in languages.values)
-            return {"languages": chosen, "tolerance_percent_fs": limit}
 
-        async def issue() -> None:
-            asked = request()
-            if asked is None:
-                return
-            with signing(page, password):
-                await in_thread(
-                    partial(
-                        visitor.service.start,
-                        visitor.actor,
-                        "certificate",
-                        {"calibration": page.number, **asked},
-                        password=password.value,
-                    )
+def _issue(page: _CalibrationPage) -> None:
+    """Add the form that issues a certificate."""
+    text, visitor = page.text, page.visitor
+    words(
+        "p",
+        text(
+            "The certificate states calibration, verification and uncertainties. "
+            "Issuing it needs your password again."
+        ),
+    )
+    languages = Choice(text("Languages"), LANGUAGES, (text.language,), several=True)
+    tolerance = tolerance_field(text)
+
+    def request() -> dict[str, Any] | None:
+        limit = tolerance.number()
+        if limit is None:
+            return None
+        chosen = tuple(name for name in LANGUAGES if name in languages.values)
+        return {"languages": chosen, "tolerance_percent_fs": limit}
+
+    async def issue() -> None:
+        asked = request()
+        if asked is None:
+            return
+        with signing(page, password):
+            await in_thread(
+                partial(
+                    visitor.service.start,
+                    visitor.actor,
+                    "certificate",
+                    {"calibration": page.number, **asked},
+                    password=password.value,
                 )
-                page.refresh()
+            )
+            page.refresh()
 
-        password = Field(text("Your password"), kind="password", on_enter=issue)
-        with box("div", "line"):
-            button(text("Issue the certificate"), issue, "primary", picture="workspace_premium")
-        _preview_button(page, request)
+    password = Field(text("Your password"), kind="password", on_enter=issue)
+    with box("div", "line"):
+        button(text("Issue the certificate"), issue, "primary", picture="workspace_premium")
+    _preview_button(page, request)
 
 
 def _preview_button(page: _CalibrationPage, asked: Any) -> None:

@@ -246,7 +246,7 @@ def _branch(title: str, points: list[Any], rising: bool) -> Line:
         title,
         [point["standard_nm"] for point in points],
         [point["error_nm"] for point in points],
-        "--series-2" if rising else "--series-1",
+        "--series-1" if rising else "--series-2",
         points=True,
         symbol="triangle" if rising else "circle",
     )

@@ -15,6 +15,7 @@ from torquebench.panel.components.page_view import show_blocks
 from torquebench.panel.pages.jobs.panel import problem_note
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.text import Text
+from torquebench.reports.page import Facts
 
 __all__ = ["Preview"]
 
@@ -71,13 +72,14 @@ def _show(text: Text, preview: Plan) -> None:
         show_blocks(text, [facts])
         for remark in preview.remarks:
             words("p", text(remark), "small muted")
+        steps = [each for each in steps if not isinstance(each, Facts)]  # the remarks again
         if preview.time_s:
             time, target = _steps(preview.time_s, preview.nominal_nm)
             Chart(
                 text("Torque over time, as planned."),
                 text("time, s"),
                 text("torque, N·m"),
-                [Line(text("planned torque"), time, target, "--series-1")],
+                [Line(text("planned torque"), time, target, "--series-3")],
             )
         if preview.parts:
             show_blocks(text, steps)

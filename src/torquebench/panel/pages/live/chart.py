@@ -74,7 +74,9 @@ COLOURS = {
     "output": "--series-2",
     "percent": "--series-4",
 }
-DASHED = ("raw_nm", "reference_nm", "expanded_uncertainty_nm")
+DASHED = ("reference_nm", "expanded_uncertainty_nm")
+UNDER = "raw_nm"
+"""Ends of the names of signals that are drawn dashed, and as a broad line beneath the others."""
 DECIMALS: dict[Side, int] = {"input": 3, "output": 2}
 FLOORS = {
     "rpm": (1.0, 0.1),
@@ -101,6 +103,7 @@ TOOLS: Texts = {
     "values": "Values of the shown span",
     "shown": "Shown: {seconds} s",
     "between": "B − A: {seconds} s",
+    "newest": "Newest",
     "minimum": "Minimum",
     "maximum": "Maximum",
     "mean": "Mean",
@@ -156,7 +159,7 @@ class LiveChart:
             button(
                 text("Record"),
                 lambda: open_recording(self.visitor),
-                "small",
+                "small record",
                 picture="fiber_manual_record",
             )
         with self.trend.add_slot("menu"):
@@ -263,7 +266,7 @@ class LiveChart:
         unit = "" if signal.unit == "1" else signal.unit
         return Trace(
             name, self.title(name), unit, grid, colour,
-            dashed=name.endswith(DASHED), axis=axis, decimals=decimals,
+            dashed=name.endswith(DASHED), under=name.endswith(UNDER), axis=axis, decimals=decimals,
         )  # fmt: skip
 
     def _band(self, band: BandLayout) -> Band:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import datetime
+from datetime import date, datetime
 from typing import Any
 
 from torquebench.bench.roles import SIDES, Side
@@ -78,7 +78,7 @@ class _Tile:
                     words("span", before)
                     self.places[f"{side}_share"] = (words("span", "—"), 1)
                     words("span", after)
-            self._about = box("div", "small muted")
+            self._about = box("div", "about small muted")
             self._fault = words("div", "", "bad-text")
         self.places["torque"] = (self._value, DECIMALS[side])
 
@@ -112,6 +112,7 @@ class _Tile:
                 tag(text.title("not compensated"), "warn", "warning")
                 with refilled(self._about):
                     words("span", text(side.compensation_problem))
+                    words("a", text("Calibrate"), href="/calibrate")
                 return
             kind = text(model_title(state.kind))
             if state.valid:
@@ -120,21 +121,22 @@ class _Tile:
                     "good",
                     "check",
                 )
-                until = (
-                    text("valid until {due}", due=state.due.isoformat())
-                    if state.due
-                    else text("without an end of validity")
-                )
-                self._tell(state.made, f", {until}; {side.transducer_serial}")
+                self._tell(state.made, state.due, side.transducer_serial)
             else:
                 tag(text("Calibration expired {due}", due=str(state.due)), "bad", "event_busy")
-                self._tell(state.made)
+                self._tell(state.made, None, side.transducer_serial)
+                with self._about:
+                    words("a", text("Calibrate"), href="/calibrate")
 
-    def _tell(self, made: datetime, more: str = "") -> None:
+    def _tell(self, made: datetime, due: date | None, serial: str) -> None:
+        """State model and transducer; no date is broken across lines."""
         with refilled(self._about):
-            words("span", f"{self._text('made')} ")
-            moment(made)
-            words("span", more)
+            words("span", serial)
+            for said, at in (("made", made), ("valid until", due)):
+                if at is not None:
+                    with box("span"):
+                        words("span", f"{self._text(said)} ")
+                        moment(at)
 
 
 class _LivePage:

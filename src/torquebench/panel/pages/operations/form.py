@@ -22,7 +22,7 @@ from torquebench.panel.text import Text
 from torquebench.units import unit_of_name
 from torquebench.validation import faults_of
 
-__all__ = ["BenchClear", "OperationForm", "choice_words"]
+__all__ = ["BenchClear", "OperationForm", "choice_words", "unquoted"]
 
 TYPING_S = 0.4
 """Pause after which typing counts as finished, s."""
@@ -35,6 +35,11 @@ def choice_words(text: Text, name: str) -> str:
     if name in MODEL_NAMES:
         return text(model_title(name))
     return column_title(text, name) if unit_of_name(name) else text(name)
+
+
+def unquoted(said: str) -> str:
+    """Return a text for a page without the backquotes that mark names in a docstring."""
+    return said.replace("`", "")
 
 
 class BenchClear:
@@ -136,7 +141,7 @@ class OperationForm:
     def _reader(self, asked: Parameter, value: Any, key: str) -> Callable[[], Any]:
         """Add the control of a parameter; return a function that reads its value."""
         text = self._text
-        title, hint = text(asked.title), text(asked.help)
+        title, hint = text(asked.title), unquoted(text(asked.help))
         options = self._options(asked)
         if asked.kind == "flag" and not asked.optional:
             chosen = ("on",) if value else ()
@@ -174,7 +179,7 @@ class OperationForm:
             title,
             self._shown(asked, value),
             kind="date" if asked.kind == "day" else "text",
-            unit=asked.unit,
+            unit=text(asked.unit),
             hint=hint,
             options=options,
             on_change=lambda _: self._changed(),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import partial
 from typing import Any
 
@@ -19,7 +19,7 @@ from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.jobs.panel import JobPanel
 from torquebench.panel.pages.jobs.preview import Preview
 from torquebench.panel.pages.operations.files import file_buttons
-from torquebench.panel.pages.operations.form import OperationForm
+from torquebench.panel.pages.operations.form import OperationForm, unquoted
 from torquebench.panel.pages.operations.queue import QueuePanel
 from torquebench.panel.pages.page import page
 from torquebench.panel.pages.visitor import Visitor
@@ -37,9 +37,21 @@ __all__ = [
 ]
 
 
-def offered(visitor: Visitor) -> list[Operation]:
-    """Return the operations that the person may perform on the panel."""
-    return [each for each in OPERATIONS.values() if each.served and visitor.has_role(each.role)]
+GROUPS = {
+    "At the bench": ("bench",),
+    "With the records": ("records", "folder"),
+    "With files": ("files",),
+}
+"""Headings of the list, and what the operations below them need."""
+
+
+def offered(visitor: Visitor, places: Collection[str]) -> list[Operation]:
+    """Return the operations of some places that the person may perform on the panel."""
+    return [
+        each
+        for each in OPERATIONS.values()
+        if each.served and each.where in places and visitor.has_role(each.role)
+    ]
 
 
 def show_result(visitor: Visitor, result: Any) -> None:
@@ -61,11 +73,11 @@ def describe(text: Text, operation: Operation) -> None:
     """Show an operation's description without its summary, which is the page's heading."""
     for paragraph in operation.paragraphs[1:]:
         if isinstance(paragraph, str):
-            words("p", text(paragraph), "muted")
+            words("p", unquoted(text(paragraph)), "muted")
             continue
         with box("ul", "muted"):
             for item in paragraph:
-                words("li", text(item))
+                words("li", unquoted(text(item)))
 
 
 class OperationPanel:
@@ -229,11 +241,14 @@ def operations_page(visitor: Visitor) -> None:
     queue = QueuePanel(visitor)
     with frame(visitor, "operations", queue.refresh), box("div", "stack"):
         queue.build()
-        with panel(), box("ul", "stack operations"):
-            for operation in offered(visitor):
-                with box("li"):
-                    words("a", text(operation.summary), href=f"/operations/{operation.key}")
-                    words("div", operation.name, "small muted")
+        with box("div", "columns narrow"):
+            for title, places in GROUPS.items():
+                with panel(text(title)), box("ul", "stack operations"):
+                    for operation in offered(visitor, places):
+                        with box("li"):
+                            said = unquoted(text(operation.summary))
+                            words("a", said, href=f"/operations/{operation.key}")
+                            words("div", operation.name, "small muted")
 
 
 @page("operation", "/operations/{key}")
@@ -248,7 +263,7 @@ def operation_page(visitor: Visitor) -> None:
         return
     given = {name: value for name, value in visitor.query.items() if name != "key"}
     shown = OperationPanel(visitor, operation, given)
-    with frame(visitor, "operations", shown.refresh, text(operation.summary)):
+    with frame(visitor, "operations", shown.refresh, unquoted(text(operation.summary))):
         if not visitor.has_role(operation.role):
             visitor.not_allowed()
             return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 from nicegui import ui
@@ -206,7 +207,7 @@ class _Calibrations(View):
                     entry.transducer_serial,
                     profiles.get(entry.profile_name, entry.profile_name),
                     str(entry.points),
-                    "—" if entry.due is None else entry.due.isoformat(),
+                    "—" if entry.due is None else entry.due,
                     in_use.get(entry.calibration_id, ""),
                 )
                 for entry in calibrations
@@ -315,10 +316,17 @@ class _Drift(View):
     def build(self) -> None:
         records = self._visitor.service.records
         drifts = [(serial, records.drift(serial)) for serial in records.transducers()]
+        alone = []
         for serial, quantities in drifts:
             for series in quantities:
+                if len(series.moments) == 1:  # not worth a chart
+                    alone.append((serial, series))
+                    continue
                 with part(self._text):
                     self._series(serial, series)
+        if alone:
+            with part(self._text):
+                self._alone(alone)
         if not any(quantities for _, quantities in drifts):
             with panel():
                 empty(
@@ -331,30 +339,39 @@ class _Drift(View):
     def _series(self, serial: str, series: DriftSeries) -> None:
         text, title = self._text, self._text(series.title)
         with panel(f"{serial}: {title}"):
-            if len(series.moments) > 1:  # a single point isn't worth a chart
-                Chart(
-                    text("{title} over time with control limits.", title=title),
-                    text("time"),
-                    f"{title}, {series.unit}",
-                    drift_lines(text, series),
-                    moments=True,
-                )
-            else:
-                said = minus_signs(f"{series.values[0]:.4g} {series.unit}")
-                when = f"{series.moments[0]:%Y-%m-%d}"
-                words(
-                    "p",
-                    text(
-                        "One value so far: {value}, on {when}. Two make a chart.",
-                        value=said,
-                        when=when,
-                    ),
-                )
+            Chart(
+                text("{title} over time with control limits.", title=title),
+                text("time"),
+                f"{title}, {series.unit}",
+                drift_lines(text, series),
+                moments=True,
+            )
             if series.chart is None:
                 words("p", text("Fewer than three values: no control limits yet."), "muted")
-            remarks = {series.remark(place) for place in range(len(series.values))} - {""}
-            for remark in sorted(remarks):
-                note(text(remark), "warn")
+            self._remarks(series)
+
+    def _remarks(self, series: DriftSeries) -> None:
+        remarks = {series.remark(place) for place in range(len(series.values))} - {""}
+        for remark in sorted(remarks):
+            note(self._text(remark), "warn")
+
+    def _alone(self, alone: Sequence[tuple[str, DriftSeries]]) -> None:
+        """List the quantities that have one value so far."""
+        text = self._text
+        rows = [
+            (
+                serial,
+                text(series.title),
+                minus_signs(f"{series.values[0]:.4g} {series.unit}"),
+                series.moments[0],
+            )
+            for serial, series in alone
+        ]
+        with panel(text("One value so far")):
+            columns = headings(text, "Transducer", "Quantity", "Value", "When", numbers=("Value",))
+            table(text("One value so far"), columns, rows)
+            for _, series in alone:
+                self._remarks(series)
 
 
 class _Certificates(View):

@@ -276,7 +276,7 @@ class _RunPanel:
                     text("{y} over {x}.", x=column_title(text, x), y=column_title(text, y)),
                     column_with_unit(text, x),
                     column_with_unit(text, y),
-                    [Line(column_title(text, y), numbers[x], numbers[y], COLOURS[1], points=True)],
+                    [Line(column_title(text, y), numbers[x], numbers[y], COLOURS[0], points=True)],
                 )
 
         draw()

@@ -10,7 +10,7 @@ import numpy as np
 from nicegui import background_tasks, ui
 
 from torquebench.errors import InputError
-from torquebench.panel.components.charts import COLOURS, Chart, Line
+from torquebench.panel.components.charts import COLOURS, Chart, Line, palette
 from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.elements import box, refilled, words
 from torquebench.panel.pages.records.column_titles import column_with_unit
@@ -157,9 +157,11 @@ class RunSamples:
                 name if self._others else self._titles[column],
                 rows,
                 begin_s,
-                COLOURS[(place + 1) % len(COLOURS)],
+                colour,
             )
-            for place, (name, (rows, begin_s)) in enumerate(found.items())
+            for colour, (name, (rows, begin_s)) in zip(
+                palette(column.partition("_")[0]) * 2, found.items(), strict=False
+            )
         ]
         if self._run.run_id in found:
             lines += self._noted(found[self._run.run_id][0])

@@ -108,8 +108,8 @@ def loop_chart(text: Text, loop: TorqueAngleLoop) -> None:
             lines = [
                 Line(text(word), torque_nm[inside].tolist(), angle[inside].tolist(), colour)
                 for word, angle, colour in (
-                    ("rising", np.asarray(loop.rising_arcmin), "--series-2"),
-                    ("falling", np.asarray(loop.falling_arcmin), "--series-1"),
+                    ("rising", np.asarray(loop.rising_arcmin), "--series-1"),
+                    ("falling", np.asarray(loop.falling_arcmin), "--series-2"),
                 )
             ]
             shown = [each for each in loop.points if (abs(each.torque_nm) <= near_nm) == near]

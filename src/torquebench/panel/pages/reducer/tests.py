@@ -126,7 +126,7 @@ class _ReducerPage:
         past = live.trend(min(PAST_S, live.bench_time_s - self._began), (x, y), POINTS)
         names = {signal.name: f"{self.text(signal.title)}, {signal.unit}" for signal in SIGNALS}
         title = self.text(TESTS[part].title)
-        lines = [Line(title, past.values[x].tolist(), past.values[y].tolist(), COLOURS[1])]
+        lines = [Line(title, past.values[x].tolist(), past.values[y].tolist(), COLOURS[0])]
         if self._chart is None or self._drawn != part:
             self._drawn = part
             with refilled(self._place):

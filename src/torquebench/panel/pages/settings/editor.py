@@ -133,12 +133,13 @@ class SettingEditor:
                     on_change=self._renamed,
                     maxlength="64",
                 )
-            for group, keys in self._groups().items():
-                with box("details", open_=group in OPEN_GROUPS or item.section != "bench"):
-                    words("summary", group_title(text, group))
-                    with box("div", "columns settings-fields"):
-                        for key in keys:
-                            self._field(key)
+            with box("div", "groups"):
+                for group, keys in self._groups().items():
+                    with box("details", open_=group in OPEN_GROUPS or item.section != "bench"):
+                        words("summary", group_title(text, group))
+                        with box("div", "columns settings-fields"):
+                            for key in keys:
+                                self._field(key)
             if self._editable:
                 self._foot = box("div", "stack settings-foot")
                 with self._foot:

@@ -41,7 +41,8 @@ def details_said(text: Text, details: Mapping[str, Any]) -> str:
     >>> details_said(Text("en"), {"kind": "calibrate", "request": request, "accepted": True})
     'kind: calibrate; Models: physics + Gaussian process; accepted: yes'
     """
-    operation = OPERATIONS.get(str(details.get("kind")))
+    kind = details.get("kind")
+    operation = next((each for each in OPERATIONS.values() if each.key == kind), None)
     said: list[str] = []
     for key, value in details.items():
         if key == "request" and operation is not None:
@@ -59,7 +60,7 @@ def _asked(text: Text, request: type[BaseModel], given: Mapping[str, Any]) -> It
         if asked.record is not None:
             yield from _asked(text, asked.record, value or {})
         elif not (value is None or value in ("", [], {}) or (value is False and not asked.default)):
-            unit = f", {asked.unit}" if asked.unit else ""
+            unit = f", {text(asked.unit)}" if asked.unit else ""
             yield f"{text(asked.title)}{unit}: {_value(text, asked, value)}"
 
 

@@ -210,7 +210,7 @@ class JobRunner:
                 self._at_once.release()
         found.doubts(place, asked)
         result = self._perform(found, place, asked, NO_PROGRESS)
-        self._note(actor, str(found.title(asked)), request=asked.model_dump(mode="json"))
+        self._note(actor, found.summary, kind=found.key, request=asked.model_dump(mode="json"))
         self._on_done(found)
         return result
 
