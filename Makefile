@@ -10,7 +10,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # One more than processors: a quarter of a worker's time is waiting, for instruments above all.
 WORKERS = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 1)')
 
-.PHONY: run plant test check nightly programs lint types contracts docs kernels pictures \
+.PHONY: run plant test check unit nightly programs lint types contracts docs kernels pictures \
   tests other-processor clean clean-kernels
 
 run: $(VENV)/.installed
@@ -29,10 +29,13 @@ test: programs
 	$(MAKE) --jobs 2 types docs contracts kernels
 	$(MAKE) tests
 
-# The daily loop: what needs no browser, no server and no other program.
+# The daily loop: what needs no browser, no server and no other program. Types keep one processor
+# busy and the first tests the others.
 check: $(VENV)/.installed-test
-	$(MAKE) --jobs 2 lint types contracts
-	$(BIN)/pytest -n $(WORKERS) --dist worksteal tests/unit -k "not postgresql"
+	$(MAKE) --jobs 4 lint types contracts unit
+
+unit: $(VENV)/.installed-test
+	$(BIN)/pytest -n auto --dist worksteal tests/unit -k "not postgresql"
 
 # Campaigns, soak tests and demonstrations, and the numbers as on another processor.
 nightly: programs

@@ -46,7 +46,7 @@ _REFERENCE_DATA = Path(
     os.environ.get("TORQUEBENCH_REFERENCE_DATA", _REPOSITORY.parent / "shared" / "data")
 )
 
-for _profile, _examples in (("torquebench", 10), ("nightly", 300)):
+for _profile, _examples in (("torquebench", 5), ("nightly", 300)):
     settings.register_profile(
         _profile,
         deadline=None,
@@ -138,6 +138,22 @@ def reference_data() -> Callable[[str], Path]:
 def curve_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fit forms as to few points, without a posterior: most of a fit, where U isn't looked at."""
     monkeypatch.setattr("torquebench.compensation.base.FEWEST_POINTS", 1_000_000)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _remembered_schema() -> None:
+    from tests.support.repeated import remember_schema
+
+    remember_schema()
+
+
+@pytest.fixture(autouse=True)
+def _remembered_fits(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fit the same points once, except where fits are what is tested."""
+    if "compensation" not in request.path.parts:
+        from tests.support.repeated import HybridModel, remembered_average
+
+        monkeypatch.setattr(HybridModel, "_averaged", remembered_average)
 
 
 _numbers = itertools.count()

@@ -192,6 +192,7 @@ class PreparedCommands:
 def prepare() -> None:
     """Import what commands import on their way, and load the simulated bench's kernels."""
     import bluesky.plan_stubs as bps
+    from tests.support.repeated import remember_schema
 
     import torquebench
     from torquebench.compensation import MODELS
@@ -202,6 +203,7 @@ def prepare() -> None:
         if not module.name.startswith(seldom):
             import_module(module.name)
     assert all(MODELS.values())  # every kind is imported
+    remember_schema()
     with tempfile.TemporaryDirectory() as folder, Station.open(None, Path(folder)) as station:
         station.run(bps.sleep(0.2), kind="warm-up")
     assert threading.active_count() == 1, threading.enumerate()

@@ -18,6 +18,7 @@ from torquebench.records import Registry, RunState, unfinished_runs
 SEED = 3
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("event", "phase", "named"),
     [
@@ -136,6 +137,7 @@ def test_a_calibration_that_ended_before_its_first_point_is_named_and_discarded(
         assert unfinished_runs(registry) == ()
 
 
+@pytest.mark.nightly
 def test_finishing_puts_no_older_model_into_use_than_there_is(killed: Path) -> None:
     run("calibrate", "output", "--step", 50, "--data", "data", cwd=killed)
     with Registry.open(killed / "data") as registry:

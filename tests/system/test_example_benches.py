@@ -310,9 +310,7 @@ def calibrating(kind: Example, folder: Path) -> Iterator[tuple[Any, Any]]:
                 process.kill()
 
 
-@pytest.mark.parametrize(
-    "kind", [nightly(kind) if kind in ("odrive", "ethercat") else kind for kind in BENCHES]
-)
+@pytest.mark.parametrize("kind", [kind if kind == "siemens" else nightly(kind) for kind in BENCHES])
 def test_the_doctor_finds_the_example_ready(kind: Example, tmp_path: Path) -> None:
     with example(kind, tmp_path) as (_, bench):
         done = subprocess.run(

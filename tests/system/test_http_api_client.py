@@ -135,6 +135,7 @@ def test_models_and_data_are_downloaded(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["model.json", "samples.parquet"]
 
 
+@pytest.mark.nightly
 def test_exported_points_go_back_in_as_a_table(calibrated: dict[str, Any], max_: Client) -> None:
     run_id = calibrated["calibrate"]["run_ids"][0]
     (written,) = max_.records_export(run=run_id)["files"]

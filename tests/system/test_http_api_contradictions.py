@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from tests.system.campaign.test_implausible_calibrations import KIND, Breaks, calibrate
 from tests.system.panel_api import SLOW, administrator, person, program, serving
-from tests.unit.campaign.test_implausible_calibrations import KIND, Breaks, calibrate
 
 from torquebench.records import Registry
 from torquebench.station import Station

@@ -7,6 +7,7 @@ from typing import Any
 
 import jsonschema  # type: ignore[import-untyped]
 import pytest
+from tests.support.draws import some
 from tests.system.command_line import run
 
 from torquebench.cli import whole_command
@@ -83,8 +84,15 @@ def records(measured: Path, tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize(
     "arguments",
-    [
+    some([
         ("calibrate", "both", "--dry-run"),
+        ("records", "backup", "backup"),
+        ("records", "restore", "backup"),
+        ("records", "rebuild"),
+        ("records", "finish"),
+        ("records", "compare", "calibration-1", "calibration-2"),
+        ("turn", "output", "--out", "run.csv", "--dry-run"),
+        ("test", "starting", "--dry-run"),
         ("verification", "output", "--groups", "2", "--points", "8"),
         ("certificate", "latest"),
         ("fit", CALIBRATION, "--range", "2000", "--out", "other.json"),
@@ -92,8 +100,6 @@ def records(measured: Path, tmp_path: Path) -> Path:
         ("verify", "model.json", VERIFICATION),
         ("export", "model.json", "--out", "model.csv"),
         ("budget", "model.json", "--reading", "500", "--reading", "-20"),
-        ("turn", "output", "--out", "run.csv", "--dry-run"),
-        ("test", "starting", "--dry-run"),
         ("mechanics", "additional-torque"),
         ("mechanics", "sections"),
         ("records", "list"),
@@ -102,14 +108,9 @@ def records(measured: Path, tmp_path: Path) -> Path:
         ("records", "show", "model-1"),
         ("records", "show", "calibration-1"),
         ("records", "verify"),
-        ("records", "compare", "calibration-1", "calibration-2"),
         ("records", "audit", "latest"),
-        ("records", "backup", "backup"),
-        ("records", "restore", "backup"),
-        ("records", "rebuild"),
         ("records", "export", "latest", "--out", "exported"),
         ("records", "export-data", "latest", "--out", "samples.csv"),
-        ("records", "finish"),
         ("records", "review", "calibration-1", "--by", "Anna"),
         ("records", "amend", "calibration-1", "measured_by=Anna", "--by", "Ben", "--reason", "x"),
         ("records", "use", "model-1", "--by", "Anna", "--reason", "a trial"),
@@ -118,7 +119,7 @@ def records(measured: Path, tmp_path: Path) -> Path:
         ("evaluate", "hysteresis", LOOPS, "--reducer", "rv-40e"),
         ("evaluate", "static", CALIBRATION, "--range", "2000", "--resolution", "0.01",
          "--reference-uncertainty", "0.02 of torque"),
-    ],
+    ], by_day=8),  # test_interfaces compares the others' answers with those of the API
     ids=lambda arguments: " ".join(str(each) for each in arguments[:2]),
 )  # fmt: skip
 def test_answers_are_as_declared(records: Path, arguments: tuple[object, ...]) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 import polars as pl
 import pytest
 from numpy.typing import NDArray
+from tests.support.draws import nightly
 from tests.system.command_line import run
 from tests.unit.chain.test_measuring_chain import EFFECTS_OF_ALL_KINDS
 from tests.unit.chain.test_turning_chains import INERTIA, TURNING, WARMTH
@@ -405,7 +406,7 @@ def test_the_command_of_a_budget_states_u_and_lines_of_the_chain(
     assert 2.0 * np.linalg.norm(lines) == pytest.approx(told["expanded_uncertainty_nm"], rel=1e-12)
 
 
-@pytest.mark.parametrize("steady", [True, False])
+@pytest.mark.parametrize("steady", [False, nightly(True)])
 @pytest.mark.parametrize("kind", ["file", "turning", "polynomial"])
 def test_budget_and_apply_state_the_same_u_under_any_conditions(
     kind: str, tmp_path: Path, request: pytest.FixtureRequest, *, steady: bool
@@ -486,7 +487,7 @@ def turning(file: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("branch", [True, False])
+@pytest.mark.parametrize("branch", [True, nightly(False)])
 @pytest.mark.parametrize("chain", ["file", "turning"])
 def test_a_record_gives_the_same_by_command_and_in_python(
     chain: str, tmp_path: Path, request: pytest.FixtureRequest, *, branch: bool

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 from selenium.webdriver.common.by import By
+from tests.system.campaign.test_implausible_calibrations import KIND, Breaks, calibrate
 from tests.system.panel_api import administrator, serving
 from tests.system.panel_browser import PEOPLE, SLOW, Visitor, browser, running_panel
-from tests.unit.campaign.test_implausible_calibrations import KIND, Breaks, calibrate
 
 from torquebench.bench.description import DEFAULT_BENCH, load_bench
 from torquebench.panel.text import Text

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.support.draws import nightly
+from tests.support.draws import nightly, some
 from tests.system.command_line import run, run_python
 from tests.system.killed_calibrations import KILLED
 from tests.watching import Watching
@@ -52,7 +52,7 @@ def points_on_disk(folder: RunFolder) -> list[dict[str, Any]]:
     return [d["data"] for _, d in folder.documents("event") if d["descriptor"] in streams]
 
 
-@pytest.mark.parametrize("moment", MOMENTS)
+@pytest.mark.parametrize("moment", some(MOMENTS, by_day=3))
 def test_a_calibration_killed_at_any_moment_keeps_its_points_and_goes_on(
     killed: dict[str, tuple[Path, int]], tmp_path: Path, moment: str
 ) -> None:
@@ -207,7 +207,7 @@ def damage_points(data: Path, numbers: tuple[int, ...], how: str) -> RunFolder:
 
 
 @pytest.mark.parametrize(
-    ("how", "numbers"), [("digit", (4,)), ("garbage", (0, 7)), ("zeros", (9,))]
+    ("how", "numbers"), [("garbage", (0, 7)), nightly("digit", (4,)), nightly("zeros", (9,))]
 )
 def test_damaged_points_alone_are_measured_again(
     killed: dict[str, tuple[Path, int]], tmp_path: Path, how: str, numbers: tuple[int, ...]
@@ -327,7 +327,9 @@ def two_positions(resume: str) -> Profile:
     return Profile.model_validate(settings)
 
 
-@pytest.mark.parametrize(("resume", "series"), [("series", 3), ("position", 2), ("never", None)])
+@pytest.mark.parametrize(
+    ("resume", "series"), [("series", 3), nightly("position", 2), nightly("never", None)]
+)
 def test_a_profile_says_what_an_interruption_costs(
     tmp_path: Path, resume: str, series: int | None
 ) -> None:

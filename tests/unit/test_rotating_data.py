@@ -11,6 +11,7 @@ from torquebench.errors import InputError
 from torquebench.tables import read_calibration, read_empty_run, read_table
 
 
+@pytest.mark.nightly
 def test_the_data_set_is_written_with_its_truth_and_judged(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

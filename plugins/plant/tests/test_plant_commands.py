@@ -109,6 +109,7 @@ def test_nothing_is_lost_while_the_link_is_down(
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.nightly
 def test_a_run_is_withdrawn_at_its_bench_too(
     server: postgresql_server.Server, folder: Path
 ) -> None:

@@ -10,6 +10,7 @@ import pytest
 from plugins.plant.tests.plant_bench import add_calibration, add_run, backlash_results
 from sqlalchemy.engine import URL
 from tests import postgresql_server
+from tests.support.draws import nightly
 
 from torquebench.errors import InputError
 from torquebench.records import Equipment, Registry, Report
@@ -105,7 +106,7 @@ def test_a_transducer_is_followed_over_its_life_and_benches(plant: Plant, tmp_pa
         drift(plant, "T-9")
 
 
-@pytest.mark.parametrize("kind", ["share", "bucket"])
+@pytest.mark.parametrize("kind", ["share", nightly("bucket")])
 def test_a_kind_of_transducer_drifts_as_its_points_say(
     kind: str, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:

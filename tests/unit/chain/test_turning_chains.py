@@ -349,6 +349,7 @@ def test_uncertainty_grows_beyond_what_was_measured(identified: Identified) -> N
     assert outside > 3.0 * inside
 
 
+@pytest.mark.nightly
 def test_a_long_run_is_averaged_and_tells_the_same(
     identified: Identified, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -481,6 +482,7 @@ def unloaded(points: TurningCalibration, left_nm: tuple[float, ...]) -> TurningC
     return replace(points, **columns, unloaded=nothing)
 
 
+@pytest.mark.nightly
 def test_a_zero_in_use_follows_an_unloading_from_either_direction() -> None:
     points, runs = seated(stated=True)
 

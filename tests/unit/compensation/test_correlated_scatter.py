@@ -75,6 +75,7 @@ def test_any_points_are_taken_in_any_order(seed: int) -> None:
         np.testing.assert_allclose(again, found[np.ix_(order, order)])
 
 
+@pytest.mark.nightly
 def test_a_curve_from_series_that_stay_off_is_less_well_known() -> None:
     errors, deviations = [], []
     for seed in range(3):

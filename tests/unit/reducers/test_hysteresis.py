@@ -126,7 +126,7 @@ def test_three_regions_of_the_harmonic_drive_example():
     assert pytest.approx(3437.75, abs=0.005) == NM_PER_RAD_OF_NM_PER_ARCMIN
 
 
-@hypothesis_settings(max_examples=15)
+@hypothesis_settings(max_examples=5)
 @given(
     offset=st.floats(-3.0, 3.0),
     scale=st.floats(0.2, 5.0),

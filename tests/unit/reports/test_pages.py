@@ -1,5 +1,6 @@
 import io
 import re
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from torquebench.reports.page_pdf import page_pdf
 from torquebench.reports.reducers.standard import friction_diagram
 
 
+@cache
 def _figures() -> dict[str, str]:
     rng = np.random.default_rng(3)
     torque = np.linspace(-50.0, 50.0, 40)
@@ -40,7 +42,7 @@ def _figures() -> dict[str, str]:
 
 
 def test_the_same_arrays_give_the_same_bytes() -> None:
-    assert _figures() == _figures()
+    assert _figures() == _figures.__wrapped__()
 
 
 @pytest.mark.parametrize("name", ["additional", "error", "groups", "staircase", "friction"])

@@ -81,7 +81,7 @@ LISTED = {"runs", "run_ends", "calibrations", "models", "activations", "equipmen
 
 
 @pytest.mark.parametrize(
-    "name", some(sorted(metadata.tables, key=lambda name: (name not in LISTED, name)), by_day=6)
+    "name", some(sorted(metadata.tables, key=lambda name: (name not in LISTED, name)), by_day=3)
 )
 def test_any_value_in_any_column_is_named_and_the_rest_is_compared(data: Path, name: str) -> None:
     file, table = data / "registry.sqlite", metadata.tables[name]

@@ -176,6 +176,7 @@ def test_friction_holds_below_break_away_and_lets_go_above():
         assert bool(abs(speeds[-1, 0]) > 0.5) is turns
 
 
+@pytest.mark.nightly
 def test_energy_of_a_coasting_bench_ends_in_friction():
     parameters = TwinParameters.draw("nominal", 4)
     shafts, state = at_rest()

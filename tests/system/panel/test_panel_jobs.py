@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.unit.panel.process_work import doubled, endless, in_stages, refusing
+from tests.system.panel.process_work import doubled, endless, in_stages, refusing
 from tests.watching import Watching
 
 from torquebench.bench.description import BenchDescription, default_bench

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.unit.panel.test_panel_jobs import BEN, ended, opened
+from tests.system.panel.test_panel_jobs import BEN, ended, opened
 
 from torquebench.errors import RecordError
 from torquebench.records.files import plain_json

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from tests.support.draws import nightly
 from tests.system.interrupted_phases import stopped
-from tests.unit.panel.test_panel_jobs import ANA, BEN, ended, opened
+from tests.system.panel.test_panel_jobs import ANA, BEN, ended, opened
 
 from torquebench.errors import InputError
 from torquebench.panel.service import PermissionDeniedError

@@ -70,9 +70,9 @@ def test_a_recording_goes_on_until_it_is_finished(service: BenchService) -> None
 
 def test_recordings_and_jobs_of_the_bench_run_beside_each_other(service: BenchService) -> None:
     """A waiting trigger blocked every test, and a test every recording."""
-    trigger = {"signal": "output_raw_nm", "level": 1900.0}
+    trigger = {"signal": "output_raw_nm", "level": 2300.0}
     waiting = service.jobs.start(BEN, "record", {"name": "overload", "trigger": trigger})
-    calibration = {"side": "output", "profile": "small-torques", "up_to_nm": 60.0}
+    calibration = {"side": "output", "step_percent": 10.0, "models": ["polynomial-2"]}
     job = service.jobs.start(BEN, "calibrate", calibration)
     during = service.jobs.start(ANN, "record", {"name": "during it"})  # and without the command
     until(service, during, "Recording")

@@ -13,7 +13,7 @@ from torquebench.records import Registry
 from torquebench.station import Station
 from torquebench.station.bench_lock import LOCK_FILE, BenchLock
 
-EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 HOLDER = """
 import sys, time
 from pathlib import Path
