@@ -186,6 +186,7 @@ def run_queue(place: Place, request: RunRequest, progress: Progress) -> QueueRes
         simulated=place.station.description.simulated,
         run_ids=tuple(dict.fromkeys(run for each in results for run in each.run_ids)),
         remarks=tuple(remark for each in results for remark in each.remarks),
+        files=tuple(file for each in results for file in each.files),
         operations=done,
         results=results,
     )

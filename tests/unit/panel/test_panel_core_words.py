@@ -200,7 +200,7 @@ def test_every_text_of_a_result_page_is_in_chinese() -> None:
 
 def described(asked: Parameter) -> Iterator[str]:
     """Yield the texts of a form's field, and of the fields of a record in it."""
-    yield from (asked.title, asked.help)
+    yield from (asked.title, asked.help, *(unit for unit in [asked.unit] if " " in unit))
     if unit_of_name(next(iter(asked.choices), "")) == "":
         yield from asked.choices
     for part in parameters(asked.record) if asked.record else ():

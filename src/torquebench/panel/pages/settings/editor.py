@@ -184,7 +184,7 @@ class SettingEditor:
         self._fields[key] = Field(
             setting_title(text, key),
             shown(value),
-            unit=unit_of_name(key),
+            unit=text(unit_of_name(key)),
             hint=text("Only in the bench's own file.") if fixed else self._hint(key),
             options=self._options(key),
             disabled=not self._editable or fixed or named,
