@@ -15,9 +15,6 @@ from torquebench.chain.readings import QUANTITIES
 from torquebench.message import Message
 from torquebench.units import unit_of_name
 
-__all__ = ["COLUMNS", "Column", "column_of", "short_names"]
-
-
 Side = Literal["", "input", "output"]
 
 

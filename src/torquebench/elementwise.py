@@ -14,18 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "NodePosition",
-    "Values",
-    "elementwise",
-    "functions_for",
-    "in_columns",
-    "in_rows",
-    "located",
-    "on_lines",
-    "on_tables",
-]
-
 FloatArray = NDArray[np.float64]
 Values = FloatArray | float
 """Many readings as an array, or a single one as a float."""

@@ -6,8 +6,6 @@ from typing import Any
 from numba import njit
 from numba.core.registry import CPUDispatcher
 
-__all__ = ["inner", "kernel"]
-
 kernel: Any = partial(njit, cache=True, no_cfunc_wrapper=True)
 """Decorator for a function that Python calls: compiled once after an installation, then cached in a
 file."""

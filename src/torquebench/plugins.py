@@ -21,8 +21,6 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-__all__ = ["COMMANDS", "DRIVERS", "OPERATIONS", "SERVICES", "TRANSLATIONS", "entry_points", "load"]
-
 COMMANDS = "torquebench.commands"
 OPERATIONS = "torquebench.operations"
 SERVICES = "torquebench.services"

@@ -7,8 +7,6 @@ import os
 import threading
 from pathlib import Path
 
-__all__ = ["end_with_parent", "limit_process"]
-
 
 def end_with_parent() -> None:
     """End this process as soon as its parent process has ended.

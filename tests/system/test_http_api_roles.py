@@ -7,8 +7,8 @@ import httpx
 import pytest
 from tests.system.panel_api import PASSWORD, SLOW, Server, administrator, person, serving
 
+from torquebench.operations import ROLES
 from torquebench.panel.api.describing import EXAMPLES
-from torquebench.panel.service import ROLES
 
 pytestmark = SLOW
 PATHS = {

@@ -15,8 +15,6 @@ from torquebench.bench.roles import SIDES, Side, Signal
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["COUNTERS", "NewBench", "SideValues", "description_text", "protocols_of"]
-
 COUNTERS = ("nidaqmx", "scpi", "opendaq")
 """Protocols that deliver frequencies; all others deliver values, and `nidaqmx` both."""
 ONE_EACH = ("canopen", "ethercat", "moteus", "odrive")

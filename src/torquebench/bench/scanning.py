@@ -19,8 +19,6 @@ from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
 
-__all__ = ["FoundInstrument", "addresses_of", "scan"]
-
 PORTS = {
     502: "modbus",
     5025: "scpi",

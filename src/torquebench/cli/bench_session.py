@@ -24,8 +24,6 @@ from torquebench.station import Station
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
 
-__all__ = ["BenchSession", "open_bench", "rehearsing"]
-
 
 @dataclass(frozen=True)
 class BenchSession:

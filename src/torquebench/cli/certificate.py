@@ -9,12 +9,10 @@ from typing import Annotated, Any
 
 import typer
 
-from torquebench.cli.options import data_directory, has_registry
 from torquebench.cli.reports import present
 from torquebench.cli.terminal.console import begin_output
 from torquebench.errors import InputError
-
-__all__ = ["with_check"]
+from torquebench.operations.place import data_directory, has_registry
 
 CheckOption = Annotated[
     str | None,

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from torquebench.chain import Timebase
     from torquebench.station import Station
 
-__all__ = ["compensated", "tell_compensation", "tell_missing"]
-
 
 def tell_missing(missing: Sequence[str], side: str = "") -> None:
     """List the influences that U doesn't contain, because they weren't measured.

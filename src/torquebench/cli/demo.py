@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from torquebench.campaign.results import DemoResult, ModuleResult
     from torquebench.reports.page import Page, Section
 
-__all__ = ["demo"]
-
 FAST_BLOCK_S = 0.1
 """Length of blocks of simulated time, twice the usual one, for a faster demo."""
 

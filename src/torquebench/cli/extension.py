@@ -6,13 +6,13 @@ from torquebench.cli.options import (
     AddressOptions,
     DataOption,
     check_output,
-    data_directory,
     moment_in_utc,
 )
 from torquebench.cli.output_options import WITHOUT_RESULT
 from torquebench.cli.reports import Told
 from torquebench.cli.terminal.console import narrow_table, note, out, say, say_file, warn
 from torquebench.cli.terminal.progress import TerminalProgress
+from torquebench.operations.place import data_directory
 from torquebench.operations.result import Result
 
 __all__ = [

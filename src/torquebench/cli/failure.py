@@ -16,8 +16,6 @@ from torquebench.errors import (
 )
 from torquebench.message import Message
 
-__all__ = ["CHECK_FAILED", "INTERRUPTED", "OK", "UNUSABLE_INPUT", "exit_code", "guarded"]
-
 OK = 0
 CHECK_FAILED = 1
 """A verification out of tolerance, or a failure of the bench."""

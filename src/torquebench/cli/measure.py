@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from torquebench.errors import InputError
     from torquebench.station import Station
 
-__all__ = ["measure"]
-
 UNLOADED_SHARE, RESOLUTION_SHARE = 5e-3, 2e-5
 """Of full scale: less torque counts as no load, and less hysteresis as none."""
 

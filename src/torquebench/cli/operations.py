@@ -21,7 +21,6 @@ from torquebench.cli.options import (
     bench_description,
     check_output,
     check_output_folder,
-    data_directory,
     named_values,
 )
 from torquebench.cli.output_options import JsonOption, QuietOption
@@ -35,15 +34,18 @@ from torquebench.cli.terminal.console import (
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.operations import Operation, Parameter, parameters
-from torquebench.operations.place import REGISTRY_FILE, PackagedLibrary, has_registry
+from torquebench.operations.place import (
+    REGISTRY_FILE,
+    PackagedLibrary,
+    data_directory,
+    has_registry,
+)
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
     from torquebench.cli.bench_session import BenchSession
     from torquebench.operations import Place, Request, Result
     from torquebench.progress import Progress
-
-__all__ = ["opened_bench", "operation_command", "run_on_bench", "validated_request"]
 
 TYPES: Mapping[str, Any] = {"number": float, "whole": int}
 NOT = "not_"

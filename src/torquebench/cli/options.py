@@ -19,32 +19,11 @@ from torquebench.cli.terminal.console import (
 )
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.operations.place import data_directory, has_registry
 
 if TYPE_CHECKING:
     from torquebench.bench import BenchDescription
     from torquebench.chain import Timebase
     from torquebench.panel.address import Address
-
-__all__ = [
-    "CSV_ENDINGS",
-    "AddressOptions",
-    "BenchOption",
-    "CounterOptions",
-    "DataOption",
-    "Module",
-    "ModuleArgument",
-    "RealTimeOption",
-    "RecordsOption",
-    "YesOption",
-    "bench_description",
-    "check_output",
-    "check_output_folder",
-    "data_directory",
-    "has_registry",
-    "moment_in_utc",
-    "named_values",
-]
 
 HELP_MARKUP: Literal["markdown"] = "markdown"
 """Markup of help texts that wraps paragraphs and leaves square brackets alone.

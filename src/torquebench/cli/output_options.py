@@ -15,14 +15,6 @@ from torquebench.cli.reports import ReportOption, check_reports, present
 from torquebench.cli.terminal.console import begin_output
 from torquebench.operations.result import Result
 
-__all__ = [
-    "HELP_OPTIONS",
-    "RESULTS",
-    "WITHOUT_RESULT",
-    "add_output_options",
-    "leave_out_types_of_flags",
-]
-
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the results as one JSON object instead of tables.")
 ]

@@ -21,8 +21,6 @@ from torquebench.cli.terminal.console import note, say, warn
 if TYPE_CHECKING:
     from torquebench.panel.beside import PanelService
 
-__all__ = ["panel_command"]
-
 
 def panel_command(services: Sequence[PanelService]) -> Callable[..., None]:
     """Return the command `panel` with an option for every additional service."""

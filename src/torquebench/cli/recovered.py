@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from torquebench.records import UnfinishedRun
     from torquebench.station import Station
 
-__all__ = ["tell_recovered", "tell_unfinished", "tell_warnings"]
-
 
 def tell_recovered(station: Station, *, but: str = "") -> None:
     """List recovered and newly registered runs, their data, and the remedy.

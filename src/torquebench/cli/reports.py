@@ -16,8 +16,6 @@ from torquebench.operations.result import Result
 if TYPE_CHECKING:
     from torquebench.reports.page import Page
 
-__all__ = ["ReportOption", "Told", "check_reports", "present", "write_reports"]
-
 ReportOption = Annotated[
     list[Path] | None,
     typer.Option(

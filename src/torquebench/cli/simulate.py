@@ -21,8 +21,6 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
 
-__all__ = ["simulate", "simulators_running"]
-
 READY = "Ready."
 PROGRAM = "from torquebench.cli import main; main()"
 START_TIMEOUT_S = 60.0

@@ -17,8 +17,6 @@ from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["Columns", "arrow_table", "in_python", "mapping_of", "read_calibration", "with_columns"]
-
 Columns: TypeAlias = Mapping[str, str]
 """Header of each column in the source: ``{"reading": "Drehmoment[kNm]"}``."""
 _OPTION = re.compile(r"--column '(\w+)=([^']+)'")

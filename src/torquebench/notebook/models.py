@@ -47,8 +47,6 @@ from torquebench.notebook.frames import (
 from torquebench.tables import ADDED_COLUMNS, ReadingsTable, TableColumns, table_of_arrow
 from torquebench.uncertainty import CertifiedUncertainty
 
-__all__ = ["Compensation", "FitWarning", "compare", "fit", "load_model"]
-
 Outliers = Literal["downweight", "refuse", "keep"]
 
 

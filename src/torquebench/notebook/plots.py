@@ -19,8 +19,6 @@ from torquebench.figures import Curve, draw_additional_torque, draw_comparison, 
 from torquebench.message import Message
 from torquebench.notebook.models import Compensation
 
-__all__ = ["Drawing", "plot"]
-
 _POINTS = 400
 _ENDINGS = (".svg", ".png", ".pdf")
 

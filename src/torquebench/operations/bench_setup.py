@@ -21,8 +21,6 @@ from torquebench.operations.result import Result
 from torquebench.progress import Progress
 from torquebench.reports.page import Facts, Page, Section, Table
 
-__all__ = ["NEW_BENCH"]
-
 _ROLE_TITLES = {
     "nidaqmx": "NI-DAQmx card",
     "scpi": "SCPI",

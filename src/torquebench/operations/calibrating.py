@@ -36,18 +36,6 @@ if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
 
 
-__all__ = [
-    "CALIBRATE",
-    "DISCARD",
-    "FINISH",
-    "RESUME",
-    "CalibratedModel",
-    "CalibratedModule",
-    "CalibrationResult",
-    "FinishedRuns",
-    "model_choices",
-]
-
 MOST_STEPS = 5000
 """Largest number of points of a loading sequence; more would take a day and is a typing mistake."""
 FIRST_MODELS = ("hybrid", "polynomial-2")

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from torquebench.operations.operation import Operation
 
 
-__all__ = ["OPERATIONS", "OWN_FILES", "find_operation", "summary_of"]
-
 OWN_FILES = "TORQUEBENCH_OPERATIONS"
 """Environment variable with the paths of Python files that add operations, as in PATH."""
 

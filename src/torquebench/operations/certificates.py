@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from torquebench.tables import DigitalCertificate
 
 
-__all__ = ["CERTIFICATE", "REVIEW", "SUBJECTS", "checked_certificate", "subject_of"]
-
 SUBJECTS = {
     "calibration": "calibrations",
     "model": "models",

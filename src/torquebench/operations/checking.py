@@ -30,18 +30,6 @@ from torquebench.operations.result import Integers, Numbers, Result
 from torquebench.progress import Progress
 from torquebench.reports.page import Block, Diagram, Facts, Page, Section, Table
 
-__all__ = [
-    "CHECK",
-    "VERIFICATION",
-    "ZERO",
-    "CheckedModule",
-    "VerifiedModel",
-    "VerifiedModule",
-    "models_of",
-    "stored_verification",
-    "verified_module",
-]
-
 RAW = "raw"
 DEFAULT_TOLERANCE = 0.1
 """Tolerance of records without a stated one, % of full scale."""

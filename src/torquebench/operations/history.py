@@ -22,8 +22,6 @@ from torquebench.progress import Progress
 from torquebench.reports.page import Block, Diagram, Facts, Page, Section, Table
 from torquebench.units import DAY
 
-__all__ = ["COMPARE", "DRIFT"]
-
 # -- compare --------------------------------------------------------------------------------
 
 

@@ -34,15 +34,6 @@ from torquebench.progress import SHARES, Progress
 from torquebench.records.signatures import how
 from torquebench.reports.page import Block, Facts, Page, Section, Table
 
-__all__ = [
-    "COMPARE_MODELS",
-    "DEACTIVATE",
-    "FIT_MODEL",
-    "USE",
-    "calibration_points",
-    "stored_module",
-]
-
 Calibration = Annotated[
     CalibrationNumber, field("A registered calibration.", title="Calibration", argument=True)
 ]

@@ -52,32 +52,6 @@ if TYPE_CHECKING:
     from torquebench.records import Registry
 
 
-__all__ = [
-    "WHOLE",
-    "Calibration",
-    "CalibrationNumber",
-    "Day",
-    "Flag",
-    "Identifier",
-    "ModelName",
-    "ModelNumber",
-    "Moment",
-    "MountedRequest",
-    "Name",
-    "Number",
-    "Operation",
-    "Parameter",
-    "Request",
-    "RunId",
-    "Tolerance",
-    "Values",
-    "chosen_sides",
-    "field",
-    "on_files",
-    "parameters",
-    "plain_text",
-]
-
 # -- types of fields ------------------------------------------------------------------------
 
 

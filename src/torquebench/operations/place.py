@@ -29,21 +29,6 @@ REGISTRY_URL = "TORQUEBENCH_REGISTRY"
 REGISTRY_FILE = "registry.sqlite"
 """Registry file in a data directory; see `records.REGISTRY_FILE`."""
 
-__all__ = [
-    "REGISTRY_FILE",
-    "REGISTRY_URL",
-    "ROLES",
-    "EndedError",
-    "Library",
-    "PackagedLibrary",
-    "Place",
-    "Role",
-    "allows",
-    "compute_here",
-    "data_directory",
-    "has_registry",
-]
-
 Role = Literal["operator", "metrologist", "administrator"]
 ROLES: tuple[Role, ...] = ("operator", "metrologist", "administrator")
 """Each role includes the permissions of the roles before it."""

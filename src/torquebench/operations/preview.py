@@ -17,17 +17,6 @@ if TYPE_CHECKING:
     from torquebench.calibration import Profile, Step
     from torquebench.procedures import Rehearsal
 
-__all__ = [
-    "LoadedSeries",
-    "Preview",
-    "TestPart",
-    "duration_words",
-    "joined_previews",
-    "limits_of",
-    "loading_preview",
-    "plan_preview",
-]
-
 
 @dataclass(frozen=True)
 class LoadedSeries:

@@ -19,8 +19,6 @@ from torquebench.progress import Progress
 from torquebench.reports.page import Page, Section, Table
 from torquebench.validation import parse_toml, validated
 
-__all__ = ["RUN", "QueuedRequest", "queued_operation"]
-
 
 class QueuedRequest(Request):
     """An entry of the queue: an operation and the fields of its request."""

@@ -19,17 +19,6 @@ if TYPE_CHECKING:
     from torquebench.uncertainty import CertifiedUncertainty
 
 
-__all__ = [
-    "CalibrationTable",
-    "DayOrTime",
-    "Range",
-    "Reference",
-    "TorqueTable",
-    "Without",
-    "columns_fact",
-    "stated_reference",
-]
-
 LARGEST_NM = 1e9
 Range = Annotated[
     Number | None, field("Full scale in N·m, the reference of % FS.", gt=0, le=LARGEST_NM)

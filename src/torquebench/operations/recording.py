@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from torquebench.bench.blocks import Block
     from torquebench.station.recording import OpenRun, RunEnd
 
-__all__ = ["RECORD", "TRIGGER_SIGNALS", "RecordRequest", "SignalWindows", "Trigger", "crossing"]
-
 POLL_INTERVAL_S = 0.2
 TriggerSignal = Literal[
     "output_torque_nm",

@@ -6,8 +6,6 @@ from torquebench import records
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["find_calibration", "find_run"]
-
 
 def find_run(registry: records.Registry, name: str) -> records.RunSummary:
     """Return a run by its name, the beginning of its name, or "latest".

@@ -37,15 +37,6 @@ from torquebench.reports.page import Page
 from torquebench.units import ARCMIN
 from torquebench.validation import ConflictError
 
-__all__ = [
-    "COMPARE_TESTS",
-    "STANDARD_REDUCER",
-    "TEST",
-    "ReducerTestResult",
-    "StandardReducerResult",
-    "report_path",
-]
-
 LOOP_ROWS = 400
 """Largest number of points of a torque-angle loop in a result."""
 

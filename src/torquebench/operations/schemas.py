@@ -9,8 +9,6 @@ from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
-__all__ = ["json_schemas"]
-
 
 class _NullWithoutNumber(GenerateJsonSchema):
     """Generates schemas in which a number may be null, as JSON can't express NaN or infinity."""

@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from torquebench.procedures.turning.profile import TurningProfile
 
 
-__all__ = ["TURN_MODULE"]
-
-
 class TurnRequest(Request):
     """Rotate a module with nothing mounted or against the calibrator, and write the table.
 

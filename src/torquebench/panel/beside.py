@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     from torquebench.bench import BenchDescription
+    from torquebench.operations import Role
     from torquebench.panel.service import (
         Actor,
         AlarmView,
         BenchSnapshot,
         JobView,
         RecordQueries,
-        Role,
     )
 
 __all__ = ["Jobs", "PanelService", "ServedBench"]

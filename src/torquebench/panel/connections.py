@@ -8,8 +8,6 @@ from typing import Any
 
 from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
-__all__ = ["MOST_CONNECTIONS", "PatientProtocol"]
-
 HEAD_S = 30.0
 """Longest time to receive a request's head, s. Browsers use a connection that they opened in
 advance within ten seconds, and don't retry if it was closed meanwhile.

@@ -14,8 +14,6 @@ from typing import Any, Self
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-__all__ = ["EventLoopBridge"]
-
 
 class EventLoopBridge:
     """ASGI application that runs another application on a separate event loop.

@@ -20,8 +20,6 @@ from torquebench.operations import EndedError
 from torquebench.processes import end_with_parent, limit_process
 from torquebench.progress import NO_PROGRESS, Progress
 
-__all__ = ["run_in_process"]
-
 Result = TypeVar("Result")
 POLL_INTERVAL_S = 0.2
 NICE = 5

@@ -16,8 +16,6 @@ from torquebench.panel.api.problems import add_handlers
 from torquebench.panel.pages.visitor import SESSION_COOKIE
 from torquebench.panel.service import Actor, BenchService, NotSignedInError
 
-__all__ = ["PAGE_STOP", "StopFirst"]
-
 PAGE_STOP = "/panel/stop"
 API_STOP = f"{API_PATH}/stop"
 

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from torquebench.cli.options import check_output, data_directory, named_values
+from torquebench.cli.options import check_output, named_values
 from torquebench.errors import InputError
+from torquebench.operations.place import data_directory
 
 
 def test_an_output_in_an_existing_folder_is_fine(tmp_path: Path) -> None:

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
     from torquebench.calibration import Profile
 
-__all__ = ["confirm_start"]
-
 
 def confirm_start(description: BenchDescription, side: str, profile: Profile, yes: bool) -> None:
     """Ask before a profile loads a module."""

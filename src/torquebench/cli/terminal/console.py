@@ -24,26 +24,6 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     pass
 
-__all__ = [
-    "answer",
-    "answer_line",
-    "begin_output",
-    "claim_file",
-    "end_output",
-    "is_json",
-    "is_quiet",
-    "leave_standard_output",
-    "narrow_table",
-    "note",
-    "out",
-    "print_file",
-    "say",
-    "say_file",
-    "stderr_console",
-    "warn",
-    "write_error",
-]
-
 PLAIN_WIDTH = 80
 """Width of output to pipes, files and logs."""
 

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from torquebench.cli.terminal.progress import TerminalProgress
     from torquebench.station import Station
 
-__all__ = ["BenchInterrupts"]
-
 
 class BenchInterrupts:
     """Handles signals while a plan runs on a station.

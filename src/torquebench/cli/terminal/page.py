@@ -14,8 +14,6 @@ from torquebench.reports.page import Facts, Page, Section, Table
 if TYPE_CHECKING:
     from torquebench.operations import Result
 
-__all__ = ["print_page", "print_verdict"]
-
 NAME_WIDTH = 30
 """Width of the first column in a table of numbers."""
 WORDS_WIDTH = 16

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from torquebench.cli.terminal.progress import TerminalProgress
     from torquebench.station import Station
 
-__all__ = ["attending"]
-
 POLL_S = 0.1
 REMINDER = 1.0 / 3.0
 """Remaining share of the interval at which the reminder appears."""

@@ -19,8 +19,6 @@ from rich.progress import Progress as Bars
 from torquebench.cli.terminal.compilation import telling_compilation
 from torquebench.cli.terminal.console import is_quiet, stderr_console
 
-__all__ = ["Attendance", "TerminalProgress"]
-
 TITLE_COLUMNS = 38
 
 

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from torquebench.bench.prompts import Prompt, PromptQueue
     from torquebench.cli.terminal.progress import TerminalProgress
 
-__all__ = ["answering"]
-
 POLL_S = 0.2
 """Interval at which a question is checked for an answer from another interface, s."""
 

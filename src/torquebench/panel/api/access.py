@@ -18,17 +18,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.panel.service import Actor, BenchService, NotSignedInError
 
-__all__ = [
-    "Caller",
-    "Service",
-    "Token",
-    "Watched",
-    "address_of",
-    "caller_of",
-    "known_query",
-    "service_of",
-]
-
 _bearer = HTTPBearer(
     auto_error=False,
     scheme_name="bearer",

@@ -20,8 +20,6 @@ from torquebench.panel.api.describing import describe, name_choices
 from torquebench.panel.api.problems import PROBLEMS, add_handlers
 from torquebench.panel.service import BenchService
 
-__all__ = ["API_PATH", "create_api"]
-
 API_PATH = "/api/v1"
 DESCRIPTION = """\
 All functions of the operator panel, for programs. Every request contains

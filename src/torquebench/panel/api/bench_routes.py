@@ -35,8 +35,6 @@ from torquebench.panel.service import (
 )
 from torquebench.panel.service.live.snapshot import BenchSummary, SideSummary
 
-__all__ = ["finite_list", "live_document", "router"]
-
 router = APIRouter(tags=["bench"])
 
 ALL_ALARMS = AcknowledgeBody()

@@ -11,13 +11,10 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from torquebench.columns import column_of
-from torquebench.operations import OPERATIONS, json_schemas, parameters
+from torquebench.operations import OPERATIONS, Role, json_schemas, parameters
 from torquebench.panel.api.problems import ProblemDetails
-from torquebench.panel.service import Role
 from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.units import unit_of_name
-
-__all__ = ["EXAMPLES", "describe", "name_choices"]
 
 ROLES: dict[str, Role] = {
     "switch_off": "metrologist",

@@ -28,8 +28,6 @@ from torquebench.panel.service import (
     PendingPrompt,
 )
 
-__all__ = ["router", "until_left"]
-
 router = APIRouter(tags=["jobs"])
 
 POLL_INTERVAL_S = 0.05

@@ -27,8 +27,6 @@ from torquebench.panel.api.models import (
 )
 from torquebench.panel.service import JobPoint, JobView, PendingPrompt, QueueItem, QueueView
 
-__all__ = ["router"]
-
 router = APIRouter(tags=["jobs"])
 
 SERVED = tuple(each for each in OPERATIONS.values() if each.served)

@@ -7,35 +7,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.chain.effects.switched_off import SWITCHES, Switch
-from torquebench.operations import WHOLE, Flag
-from torquebench.panel.service import Client, Role
+from torquebench.operations import WHOLE, Flag, Role
+from torquebench.panel.service import Client
 from torquebench.panel.service.access.passwords import LONGEST, SHORTEST
 from torquebench.panel.service.live.markers import LONGEST_NOTE
-
-__all__ = [
-    "AbortBody",
-    "AcknowledgeBody",
-    "AnswerBody",
-    "ClientBody",
-    "DocumentBody",
-    "LeaseBody",
-    "LiveRows",
-    "MadeClient",
-    "MarkerBody",
-    "OpenedSession",
-    "PasswordBody",
-    "QueuePlaceBody",
-    "QueueStartBody",
-    "ReasonBody",
-    "SetUpBody",
-    "SignInBody",
-    "SignalValue",
-    "StopBody",
-    "SwitchBody",
-    "UserBody",
-    "UserChangeBody",
-    "WhoAmI",
-]
 
 Text = Annotated[str, Field(max_length=500)]
 Secret = Annotated[str, Field(min_length=1, max_length=256)]

@@ -21,8 +21,6 @@ from torquebench.panel.api.models import (
 from torquebench.panel.service import Client, Event, PermissionDeniedError, User
 from torquebench.panel.service.access.actors import require
 
-__all__ = ["router"]
-
 router = APIRouter(tags=["people"])
 
 UserName = Annotated[str, Path(min_length=1, max_length=128)]

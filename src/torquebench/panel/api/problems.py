@@ -37,8 +37,6 @@ from torquebench.panel.service import (
 )
 from torquebench.validation import as_input_error
 
-__all__ = ["PROBLEMS", "ProblemDetails", "add_handlers", "problem_response"]
-
 MEDIA_TYPE = "application/problem+json"
 
 _STATUS: tuple[tuple[type[TorquebenchError], int, str], ...] = (

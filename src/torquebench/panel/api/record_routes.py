@@ -26,8 +26,6 @@ from torquebench.panel.service import (
 from torquebench.panel.service.records.queries import MEDIA
 from torquebench.records import CalibrationEntry, CertificateEntry, ModelEntry
 
-__all__ = ["router", "settings_router"]
-
 router = APIRouter(tags=["records"])
 settings_router = APIRouter(tags=["settings"])
 

@@ -8,8 +8,6 @@ from typing import Any
 
 from torquebench.reports.page import Page, Section, Table, render_page
 
-__all__ = ["reference_page"]
-
 Schema = Mapping[str, Any]
 
 

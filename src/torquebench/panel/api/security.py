@@ -17,8 +17,6 @@ from torquebench.message import Message
 from torquebench.panel.address import ANY_ADDRESS
 from torquebench.panel.api.problems import problem_response
 
-__all__ = ["LARGEST_BODY", "Guard"]
-
 LARGEST_BODY = 1024 * 1024
 BODY_S = 30.0
 """Longest time to receive a request's body, s."""

@@ -22,8 +22,6 @@ from torquebench.panel.api.bench_routes import live_document
 from torquebench.panel.api.events import until_left
 from torquebench.panel.service import BenchService
 
-__all__ = ["StreamRequest", "router"]
-
 router = APIRouter()
 
 FIRST_MESSAGE_S = 15.0

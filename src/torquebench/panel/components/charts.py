@@ -12,8 +12,6 @@ from nicegui import ui
 from torquebench.panel.components.elements import box, icon
 from torquebench.panel.text import Text
 
-__all__ = ["COLOURS", "Chart", "Line", "error_bars", "error_chart", "limit_lines", "palette"]
-
 COLOURS = ("--series-1", "--series-2", "--series-3", "--series-4", "--warn", "--ink")
 """Custom properties of the style sheet, with colours that colour-blind readers can distinguish, in
 the order of `torquebench.figures.COLOURS`."""

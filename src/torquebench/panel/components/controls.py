@@ -8,18 +8,6 @@ from typing import Any
 from torquebench.panel.components.elements import box, icon, on_press, words
 from torquebench.panel.text import Text
 
-__all__ = [
-    "Choice",
-    "Field",
-    "NumberField",
-    "button",
-    "file_entry",
-    "link_button",
-    "set_disabled",
-    "tolerance_field",
-    "typed_number",
-]
-
 CHOSEN = "(event) => emit(event.target.value)"
 TYPED = "(event) => { element.props.value = event.target.value; emit(event.target.value); }"
 """Stores typed text in the page's model, too, so that an update of the page keeps it.

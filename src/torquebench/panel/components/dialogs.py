@@ -12,8 +12,6 @@ from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.elements import box, words
 from torquebench.panel.text import Text
 
-__all__ = ["ask", "foot", "sheet"]
-
 
 @contextmanager
 def sheet(title: str) -> Iterator[Any]:

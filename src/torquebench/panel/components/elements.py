@@ -12,27 +12,6 @@ from typing import Any, ParamSpec, TypeVar
 from nicegui import context, run, ui
 from nicegui.elements.mixins.text_element import TextElement
 
-__all__ = [
-    "Words",
-    "box",
-    "empty",
-    "headings",
-    "icon",
-    "in_thread",
-    "moment",
-    "note",
-    "on_press",
-    "pairs",
-    "panel",
-    "refilled",
-    "repeat",
-    "scrolling",
-    "table",
-    "tag",
-    "to_the_top",
-    "words",
-]
-
 Arguments = ParamSpec("Arguments")
 Value = TypeVar("Value")
 

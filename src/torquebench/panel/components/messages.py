@@ -11,8 +11,6 @@ from torquebench.errors import TorquebenchError
 from torquebench.panel.components.elements import NOTE_ICONS, box, icon, on_press, words
 from torquebench.panel.text import Text
 
-__all__ = ["Messages"]
-
 SHOWN_S = 6.0
 AT_MOST = 4
 

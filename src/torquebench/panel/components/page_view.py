@@ -24,8 +24,6 @@ from torquebench.reports.curve_figures import Panel
 from torquebench.reports.page import Block, Diagram, Drawings, Facts, Figure, Page, Section, Table
 from torquebench.units import minus_signs
 
-__all__ = ["show_blocks", "show_diagram", "show_page"]
-
 SYMBOLS = {"^": "triangle", "v": "arrow", "s": "rect", "D": "diamond"}
 LINES = ("-", "--", ":", "")
 

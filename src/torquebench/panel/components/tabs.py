@@ -8,8 +8,6 @@ from typing import Any
 
 from torquebench.panel.components.elements import box, on_press, refilled, words
 
-__all__ = ["Tabs"]
-
 
 class Tabs:
     """Buttons for the parts, above the selected part, which is rebuilt when selected.

@@ -10,8 +10,6 @@ from typing import Any
 import nicegui.elements.echart  # noqa: F401 - puts ECharts within the component's reach
 from nicegui.element import Element
 
-__all__ = ["Band", "Trace", "Trend"]
-
 MOST_AHEAD = 12
 """Largest number of messages that the browser hasn't painted yet: those of a third of a second."""
 PATIENCE_S = 2.0

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from torquebench.uncertainty import Verdict
 
-__all__ = ["verdict_icon", "verdict_kind"]
-
 _LOOKS = {
     Verdict.NONE: ("", "check_circle"),
     Verdict.PASS: ("good", "check_circle"),

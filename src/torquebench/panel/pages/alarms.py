@@ -23,8 +23,6 @@ from torquebench.panel.pages.page import page
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import AlarmView
 
-__all__ = ["alarms_page"]
-
 HISTORY = 50
 
 

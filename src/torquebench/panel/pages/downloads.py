@@ -11,8 +11,6 @@ from torquebench.panel.components.controls import button
 from torquebench.panel.components.elements import box
 from torquebench.panel.pages.visitor import Visitor
 
-__all__ = ["certificate_buttons"]
-
 
 def certificate_buttons(visitor: Visitor, number: str, files: Sequence[str]) -> None:
     """Add a download button for each file of a certificate."""

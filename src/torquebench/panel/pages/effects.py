@@ -20,8 +20,6 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.text import Texts
 from torquebench.units import minus_signs
 
-__all__ = ["EffectsTable"]
-
 KINDS = {"holds": "good", "outside": "bad", "unmeasured": "warn", "off": "warn", "missing": "warn"}
 ICONS = {
     "holds": "check",

@@ -23,8 +23,6 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import AlarmView, BenchService, NotSignedInError
 from torquebench.panel.text import JOB_STATES, Text
 
-__all__ = ["STOP", "frame", "head_html", "page_title"]
-
 REFRESH_S = 0.5
 LANGUAGE_TAGS = {"en": "en", "zh": "zh-CN"}
 

@@ -13,8 +13,6 @@ from torquebench.panel.components.elements import box, words
 from torquebench.panel.pages.visitor import LANGUAGE_COOKIE, LOOK_COOKIE, LOOKS, Visitor
 from torquebench.panel.text import LANGUAGES, Texts
 
-__all__ = ["Menu"]
-
 LOOK_TITLES: Texts = {"auto": "As the device", "light": "Light", "dark": "Dark"}
 
 

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 from torquebench.panel.pages.visitor import Visitor
 
-__all__ = ["PAGES", "Page", "page"]
-
 Build = Callable[[Visitor], None]
 
 

@@ -15,8 +15,6 @@ from torquebench.panel.pages.records.column_titles import column_title
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import Actor
 
-__all__ = ["open_recording"]
-
 
 def open_recording(visitor: Visitor) -> None:
     """Ask for the data of a recording, and start it."""

@@ -18,8 +18,6 @@ from torquebench.panel.pages.sign_in import no_such_page, safe_target, sign_in_p
 from torquebench.panel.pages.visitor import SESSION_COOKIE, address_of, visitor_of
 from torquebench.panel.service import BenchService, LockedOutError, SignInError
 
-__all__ = ["import_pages", "register_pages"]
-
 STATIC = Path(__file__).parents[1] / "static"
 Entry = Annotated[str, Form(max_length=200)]
 LONGEST_NAME = 64

@@ -17,9 +17,6 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.text import Texts
 from torquebench.reports.certificate.laboratory import kept_letterhead
 
-__all__ = ["first_steps", "setup_page"]
-
-
 MOST_JOBS, MOST_CALIBRATIONS = 100, 10
 """Numbers of the newest jobs and calibrations that are looked at."""
 

@@ -19,8 +19,6 @@ from torquebench.panel.service import BenchService
 from torquebench.panel.service.access.passwords import SHORTEST
 from torquebench.panel.text import LANGUAGES, Text, Texts
 
-__all__ = ["no_such_page", "safe_target", "sign_in_page"]
-
 REASONS: Texts = {
     "wrong": "Name and password don't belong together.",
     "locked": "Too many wrong passwords. Try again in {seconds} s.",

@@ -15,8 +15,6 @@ from torquebench.panel.pages.visitor import session_of
 from torquebench.panel.service import NotSignedInError
 from torquebench.panel.service.access.people import People
 
-__all__ = ["SOCKET_PATH", "PageSockets"]
-
 SOCKET_PATH = "/_nicegui_ws/"
 REFUSED = 1008
 TO_SIGN_IN = '42["open"'

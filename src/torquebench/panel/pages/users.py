@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+from torquebench.operations import ROLES
 from torquebench.panel.components.controls import Choice, Field, button
 from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import box, headings, panel, refilled, table
 from torquebench.panel.pages.view import View
-from torquebench.panel.service import ROLES, User
+from torquebench.panel.service import User
 from torquebench.panel.text import Text
-
-__all__ = ["UsersView", "role_choice"]
 
 
 class UsersView(View):

@@ -17,8 +17,6 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import NotSignedInError
 from torquebench.panel.text import Text, Texts
 
-__all__ = ["View", "part", "tabs"]
-
 LOGGER = logging.getLogger(__name__)
 
 

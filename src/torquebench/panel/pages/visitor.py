@@ -12,24 +12,11 @@ from starlette.requests import Request
 from starlette.types import Scope
 
 from torquebench.errors import RecordError, TorquebenchError
+from torquebench.operations import Role, allows
 from torquebench.panel.components.elements import in_thread, note
 from torquebench.panel.components.messages import Messages
-from torquebench.panel.service import Actor, BenchService, NotSignedInError, Role, allows
+from torquebench.panel.service import Actor, BenchService, NotSignedInError
 from torquebench.panel.text import Text, choose_language
-
-__all__ = [
-    "LANGUAGE_COOKIE",
-    "LOOKS",
-    "LOOK_COOKIE",
-    "SESSION_COOKIE",
-    "Visitor",
-    "address_of",
-    "look_of",
-    "profile_titles",
-    "session_of",
-    "text_of",
-    "visitor_of",
-]
 
 SESSION_COOKIE = "torquebench_session"
 LANGUAGE_COOKIE = "torquebench_language"

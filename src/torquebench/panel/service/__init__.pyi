@@ -1,8 +1,5 @@
 from .access.actors import (
-    ROLES as ROLES,
     Actor as Actor,
-    Role as Role,
-    allows as allows,
 )
 from .live.alarms import (
     AlarmView as AlarmView,

@@ -70,8 +70,6 @@ from torquebench.reports.certificate import (
 )
 from torquebench.station import LONGEST_BEFORE_S, Station, data_directory
 
-__all__ = ["BenchService"]
-
 LIVE_BLOCK_S = 0.03
 """Longest block for a live display, which gives thirty-three updates per second, s."""
 IDLE_PERIOD_S = 0.05

@@ -21,8 +21,6 @@ from torquebench.message import Message
 from torquebench.operations import Request, Result, parameters
 from torquebench.panel.service.problems import NotFoundError
 
-__all__ = ["LARGEST_FILE", "FileStore", "KnownNames"]
-
 LARGEST_FILE = 512 * 1024
 """Largest uploaded file, bytes."""
 MOST_FILES = 200

@@ -4,17 +4,6 @@ from __future__ import annotations
 
 from torquebench.errors import InputError, TorquebenchError
 
-__all__ = [
-    "BusyError",
-    "LeaseError",
-    "LockedOutError",
-    "NameTakenError",
-    "NotFoundError",
-    "NotSignedInError",
-    "PermissionDeniedError",
-    "SignInError",
-]
-
 
 class NotSignedInError(TorquebenchError):
     """Nobody is signed in, or the session has expired."""

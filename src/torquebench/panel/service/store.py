@@ -37,8 +37,6 @@ from torquebench.records import json_text
 from torquebench.records.accounts import PANEL_FILE, metadata, name_key, users
 from torquebench.records.registry.database import database_failures, engine_of
 
-__all__ = ["PANEL_FILE", "Event", "PanelStore", "changes", "clients", "failures", "queue", "users"]
-
 SCHEMA_VERSION = 5
 
 

@@ -9,8 +9,6 @@ from torquebench.panel.text.words import ALARM_TITLES
 from torquebench.translations import translated
 from torquebench.uncertainty import Verdict
 
-__all__ = ["LANGUAGES", "Language", "Text", "choose_language"]
-
 Language = Literal["en", "zh"]
 LANGUAGES: Mapping[Language, str] = {"en": "English", "zh": "中文"}
 """Each language's own name."""

@@ -2,8 +2,6 @@
 
 from collections.abc import Mapping
 
-__all__ = ["ALARM_TITLES", "JOB_STATES", "Texts"]
-
 Texts = Mapping[str, str]
 """English texts by short names; a test compares every mapping of this type with the Chinese."""
 

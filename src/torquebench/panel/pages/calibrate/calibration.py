@@ -61,8 +61,6 @@ from torquebench.panel.service import CalibrationDetail, JobView
 from torquebench.panel.text import Texts
 from torquebench.reports.errors_table import number as number_text
 
-__all__ = ["calibration_page"]
-
 Step = Literal["models", "verify", "sign", "certificate"]
 STEPS: tuple[Step, ...] = get_args(Step)
 STEP_TITLES: Texts = {

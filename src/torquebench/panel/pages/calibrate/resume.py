@@ -17,8 +17,6 @@ from torquebench.panel.pages.visitor import Visitor, profile_titles
 from torquebench.panel.service import InterruptedView
 from torquebench.panel.text import Texts
 
-__all__ = ["interrupted_note", "resume_button", "unfinished_notes"]
-
 UNFINISHED: Texts = {
     "left open": "A run was left open",
     "sealed": "A run isn't in the registry yet",

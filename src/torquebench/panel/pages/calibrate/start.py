@@ -33,8 +33,6 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobView
 from torquebench.units import minus_signs
 
-__all__ = ["calibrate_page", "calibration_address"]
-
 MEASURING = ("calibrate", "resume")
 READINGS, NO_ALARM, COMMAND, IDLE, PRESENCE = (
     Message("Readings come in"),

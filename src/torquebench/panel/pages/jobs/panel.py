@@ -14,8 +14,6 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobView, Problem
 from torquebench.panel.text import JOB_STATES, Text
 
-__all__ = ["JobControls", "JobPanel", "problem_note", "stage_words"]
-
 STATES = {
     "running": ("", "play_circle"),
     "pausing": ("warn", "pause_circle"),

@@ -17,8 +17,6 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.text import Text
 from torquebench.reports.page import Facts
 
-__all__ = ["Preview"]
-
 
 class Preview:
     """Area for the preview of one operation.

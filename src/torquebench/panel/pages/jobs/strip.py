@@ -11,8 +11,6 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import EndedJob, JobView
 from torquebench.panel.text import JOB_STATES
 
-__all__ = ["JobStrip"]
-
 
 class _Row:
     """An open job in the strip."""

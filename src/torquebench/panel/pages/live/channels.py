@@ -27,8 +27,6 @@ from torquebench.panel.text import Text, Texts
 from torquebench.units import unit_of_name
 from torquebench.validation import words_of
 
-__all__ = ["open_channels", "open_computed"]
-
 CHARTS = 3
 SCALES: Texts = {
     "automatic": "Automatic",

@@ -44,8 +44,6 @@ from torquebench.panel.service import (
 from torquebench.panel.text import Texts
 from torquebench.units import minus_signs
 
-__all__ = ["SPANS", "LiveChart"]
-
 MOST_ROWS = 300
 """Largest number of new rows sent singly; a page that lacks more gets the reduced past again."""
 MOST_POINTS = 600

@@ -25,8 +25,6 @@ from torquebench.panel.service import BenchSnapshot, SideSnapshot
 from torquebench.panel.text import Text, Texts
 from torquebench.units import unit_of_name
 
-__all__ = ["live_page"]
-
 PUSH_S = 1.0 / 40.0
 """Interval at which a page requests rows, s; shorter than the rows' interval, so none waits
 long."""

@@ -16,8 +16,6 @@ from torquebench.panel.components.elements import box, refilled, words
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service.files import LARGEST_FILE
 
-__all__ = ["FileField", "download", "file_buttons"]
-
 SEND = (
     "async (event) => { let number = 0; for (const file of event.target.files) {"
     f" if (file.size > {LARGEST_FILE}) {{ emit([number++, file.name, null]); continue; }}"

@@ -22,8 +22,6 @@ from torquebench.panel.text import Text
 from torquebench.units import unit_of_name
 from torquebench.validation import faults_of
 
-__all__ = ["BenchClear", "OperationForm", "choice_words", "unquoted"]
-
 TYPING_S = 0.4
 """Pause after which typing counts as finished, s."""
 RADIO = 7

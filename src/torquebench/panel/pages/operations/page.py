@@ -26,16 +26,6 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobView
 from torquebench.panel.text import Text
 
-__all__ = [
-    "OperationPanel",
-    "operation_buttons",
-    "operation_dialog",
-    "operations_page",
-    "show_description",
-    "show_result",
-    "unsuccessful",
-]
-
 
 GROUPS = {
     "At the bench": ("bench",),

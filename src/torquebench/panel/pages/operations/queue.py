@@ -23,8 +23,6 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import QueueItem, QueueView
 from torquebench.panel.text import JOB_STATES
 
-__all__ = ["QueuePanel"]
-
 SHOWN = 20
 """Number of operations listed in the history."""
 

@@ -3,8 +3,6 @@
 from torquebench.columns import column_of
 from torquebench.panel.text import Text
 
-__all__ = ["column_title", "column_unit_shown", "column_with_unit", "stream_title"]
-
 SIDES = ("input", "output")
 UNITLESS = ("1", "counts")
 

@@ -36,8 +36,6 @@ from torquebench.panel.text import Text, Texts
 from torquebench.records.signatures import how
 from torquebench.units import minus_signs
 
-__all__ = ["drift_lines", "records_page"]
-
 ROWS = 25
 OFFERED = 100
 POINTS = ("calibrate", "verify", "check", "turning")

@@ -41,8 +41,6 @@ from torquebench.panel.service import InterruptedView, Marker, RunDetail, RunTab
 from torquebench.panel.text import Text, Texts
 from torquebench.units import minus_signs
 
-__all__ = ["compared_address", "doubt_notes", "run_title"]
-
 SHOWN_ROWS = 12
 MOST_DOUBTS = 5
 Y_FIRST = ("error_nm", "reading_nm", "torque_nm")

@@ -19,8 +19,6 @@ from torquebench.panel.service import Marker
 from torquebench.panel.service.live.rings import Rows
 from torquebench.records import RunSummary
 
-__all__ = ["RunSamples", "run_address"]
-
 POINTS = 1000
 MOST_RUNS = len(COLOURS)
 OFFERED = 100

@@ -34,8 +34,6 @@ from torquebench.panel.text import Text
 from torquebench.uncertainty import stated
 from torquebench.units import minus_signs
 
-__all__ = ["comparison", "test_result"]
-
 EARLIER = 20
 NEAR = 0.06
 """Share of a loop's torque range around zero that is also drawn enlarged."""

@@ -21,8 +21,6 @@ from torquebench.panel.pages.reducer.results import comparison, test_result
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import SIGNALS, JobView
 
-__all__ = ["reducer_page"]
-
 PAST_S = 600.0
 POINTS = 800
 STANDARD = "standard-reducer"

@@ -20,8 +20,6 @@ from torquebench.panel.service.settings.differences import flat, nested
 from torquebench.panel.text import Text
 from torquebench.units import unit_of_name
 
-__all__ = ["SettingEditor", "change_lines", "parsed", "shown"]
-
 LARGEST_WHOLE = 1e15
 MINUS = re.compile(r"(?<![\w-])-(?=\d)")
 OPEN_GROUPS = ("input.limits", "output.limits")

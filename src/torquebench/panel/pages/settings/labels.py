@@ -2,8 +2,6 @@
 
 from torquebench.panel.text import Texts
 
-__all__ = ["CHOICES", "GROUPS", "LABELS"]
-
 GROUPS: Texts = {
     "adaptive": "Adaptive points",
     "bench": "Bench",

@@ -15,8 +15,6 @@ from torquebench.panel.pages.operations.form import choice_words
 from torquebench.panel.pages.view import View
 from torquebench.panel.text import JOB_STATES, Text, Texts
 
-__all__ = ["LogView", "details_said"]
-
 AT_ONCE = 50
 LABELS: Texts = {
     "keys": "changed",

@@ -5,8 +5,6 @@ from __future__ import annotations
 from torquebench.panel.pages.settings.labels import CHOICES, GROUPS, LABELS
 from torquebench.panel.text import Text
 
-__all__ = ["choice_title", "group_title", "setting_title"]
-
 
 def setting_title(text: Text, key: str) -> str:
     """Return the label of a setting; without one, the last word of its key.

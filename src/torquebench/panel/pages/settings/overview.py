@@ -36,8 +36,6 @@ from torquebench.panel.service import SECTIONS, SettingsChange, SettingsItem, re
 from torquebench.panel.service.settings.documents import LARGEST_UPLOAD
 from torquebench.panel.text import Texts
 
-__all__ = ["settings_page"]
-
 READ_FILE = (
     "async (event) => { const file = event.target.files[0]; if (!file) return; "
     f"emit(file.size > {LARGEST_UPLOAD} ? null : await file.text()); event.target.value = ''; }}"

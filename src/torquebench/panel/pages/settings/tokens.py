@@ -20,8 +20,6 @@ from torquebench.panel.pages.users import role_choice
 from torquebench.panel.pages.view import View
 from torquebench.panel.service import Actor, Client
 
-__all__ = ["TokensView"]
-
 
 class TokensView(View):
     """The view of programs that may use the API, for administrators."""

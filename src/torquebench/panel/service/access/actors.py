@@ -11,8 +11,6 @@ from torquebench.operations import ROLES, Role, allows
 from torquebench.panel.service.problems import PermissionDeniedError
 from torquebench.records.signatures import Signature
 
-__all__ = ["ROLES", "Actor", "Role", "allows", "check_role", "require"]
-
 
 @dataclass(frozen=True)
 class Actor:

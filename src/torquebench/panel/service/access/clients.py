@@ -12,7 +12,8 @@ from sqlalchemy import Row, insert, select, update
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.panel.service.access.actors import Actor, Role, check_role, require
+from torquebench.operations import Role
+from torquebench.panel.service.access.actors import Actor, check_role, require
 from torquebench.panel.service.access.sessions import token_sha256
 from torquebench.panel.service.problems import (
     NameTakenError,
@@ -21,8 +22,6 @@ from torquebench.panel.service.problems import (
     PermissionDeniedError,
 )
 from torquebench.panel.service.store import PanelStore, clients, note, utc_text
-
-__all__ = ["Client", "Clients"]
 
 PREFIX = "tb_"
 """Prefix of tokens, by which secret scanners recognise a leaked token."""

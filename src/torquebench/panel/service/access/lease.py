@@ -16,11 +16,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from torquebench.message import Message
-from torquebench.panel.service.access.actors import Actor, allows
+from torquebench.operations import allows
+from torquebench.panel.service.access.actors import Actor
 from torquebench.panel.service.problems import LeaseError
 from torquebench.units import MINUTE
-
-__all__ = ["IDLE_S", "CommandLease", "LeaseState"]
 
 IDLE_S = 120.0
 """Idle time after which another user may take over the lease, s."""

@@ -13,8 +13,6 @@ from torquebench.panel.service.problems import LockedOutError
 from torquebench.panel.service.store import PanelStore, failures
 from torquebench.units import MINUTE
 
-__all__ = ["Attempt", "LoginThrottle"]
-
 WINDOW_S = 900.0
 """Time for which a wrong password counts, and the longest pause, s."""
 FIRST_PAUSE_S = 30.0

@@ -10,8 +10,6 @@ from argon2.exceptions import InvalidHashError, VerificationError
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["check_password_rules", "hash_password", "matches"]
-
 SHORTEST, LONGEST = 10, 128
 DISTINCT = 5
 

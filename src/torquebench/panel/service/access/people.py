@@ -14,7 +14,8 @@ from sqlalchemy import Connection, Row, delete, func, insert, select, update
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.panel.service.access.actors import Actor, Role, check_role, require
+from torquebench.operations import Role
+from torquebench.panel.service.access.actors import Actor, check_role, require
 from torquebench.panel.service.access.login_throttle import LoginThrottle
 from torquebench.panel.service.access.passwords import check_password_rules, hash_password, matches
 from torquebench.panel.service.access.sessions import Later, Sessions, at_once
@@ -27,8 +28,6 @@ from torquebench.panel.service.problems import (
 )
 from torquebench.panel.service.store import PanelStore, note, sessions, utc_text
 from torquebench.records.accounts import name_key, password_settings, system_users, users
-
-__all__ = ["People", "User"]
 
 SYSTEM_USER = re.compile(r"[^\s@]{1,64}(@[^\s@]{1,253})?")
 NAME = re.compile(r"[^\W_][\w .'-]{0,62}[\w.]")

@@ -20,8 +20,6 @@ from torquebench.panel.service.store import PanelStore, sessions
 from torquebench.records.accounts import users
 from torquebench.units import HOUR
 
-__all__ = ["IDLE_S", "LONGEST_S", "Later", "Sessions", "at_once", "token_sha256"]
-
 Later: TypeAlias = Callable[[Callable[[], None]], object]
 
 IDLE_S = 3600.0

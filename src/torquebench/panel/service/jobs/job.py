@@ -17,17 +17,6 @@ from torquebench.message import Message
 from torquebench.operations import Operation, Request, Result
 from torquebench.panel.service.access.actors import Actor
 
-__all__ = [
-    "Job",
-    "JobPoint",
-    "JobStage",
-    "JobState",
-    "JobView",
-    "PendingPrompt",
-    "Points",
-    "Problem",
-]
-
 MOST_POINTS = 20_000
 LEAST_STEPS = 2
 """Steps of a stage by which its remaining time is estimated."""

@@ -24,8 +24,6 @@ from torquebench.records.files import plain_json
 from torquebench.reports.curve_figures import Panel
 from torquebench.reports.page import Diagram, Facts, Figure, Page, Section, Table, drawn
 
-__all__ = ["EndedJob", "JobLog"]
-
 MOST_TOLD = 3
 """Largest number of results shown to a user; older ones are in the records."""
 

@@ -26,8 +26,6 @@ from torquebench.panel.service.problems import (
 from torquebench.panel.service.store import PanelStore, queue, utc_text
 from torquebench.records import json_text
 
-__all__ = ["JobQueue", "QueueItem", "QueueView"]
-
 POLL_S = 0.1
 HISTORY = 100
 MOST = 500

@@ -45,8 +45,6 @@ from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.station import Station
 from torquebench.validation import validated
 
-__all__ = ["JobRunner", "perform_on_files", "require_person"]
-
 KEPT = 20
 ABORT_POLL_S = 0.1
 MOST_BESIDE = 4

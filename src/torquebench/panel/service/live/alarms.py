@@ -8,8 +8,6 @@ from datetime import datetime
 from torquebench.bench.safety import RaisedAlarm
 from torquebench.errors import TorquebenchError
 
-__all__ = ["AlarmView", "StopReport", "alarm_view"]
-
 
 @dataclass(frozen=True)
 class AlarmView:

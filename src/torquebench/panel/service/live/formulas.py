@@ -26,8 +26,6 @@ from torquebench.units import (
     name_without_unit,
 )
 
-__all__ = ["FORMULA_NAMES", "RESULT_UNITS", "computed", "names_in"]
-
 Array = NDArray[np.float64]
 Powers = tuple[float, float, float]
 """Exponents of N·m, s and K in a unit; angles are numbers."""

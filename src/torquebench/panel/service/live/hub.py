@@ -35,16 +35,6 @@ from torquebench.panel.service.live.rings import (
 from torquebench.signals import History, Record
 from torquebench.units import DEG_PER_TURN, RPM_PER_RAD_S
 
-__all__ = [
-    "SIGNALS",
-    "STALE_AFTER_S",
-    "TORQUE_SIGNALS",
-    "Connection",
-    "LatestValue",
-    "LiveHub",
-    "LiveTrend",
-]
-
 Connection = Literal["live", "stale", "lost"]
 
 STALE_AFTER_S = 1.0

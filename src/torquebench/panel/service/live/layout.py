@@ -15,8 +15,6 @@ from torquebench.message import Message
 from torquebench.panel.service.live.formulas import RESULT_UNITS, computed, names_in
 from torquebench.panel.service.live.hub import SIGNALS, LiveTrend
 
-__all__ = ["BandLayout", "ComputedChannel", "LiveLayout", "LoopLayout", "Scale", "Span", "View"]
-
 View = Literal["time", "xy", "digits"]
 Span = Literal["seconds_10", "minute_1", "minutes_10", "hour_1"]
 _SIGNALS = {signal.name: signal for signal in SIGNALS}

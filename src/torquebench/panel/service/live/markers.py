@@ -9,8 +9,6 @@ from datetime import datetime
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["LONGEST_NOTE", "Marker", "Markers"]
-
 LONGEST_NOTE = 200
 MOST_KEPT = 500
 

@@ -8,8 +8,6 @@ from math import isfinite, nan
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LevelRing", "Rows", "TrendMemory", "envelope", "extremes_and_mean", "nan_mean"]
-
 Array = NDArray[np.float64]
 
 

@@ -12,17 +12,6 @@ from torquebench.panel.service.live.hub import Connection, LatestValue, LiveHub
 from torquebench.records import Registry
 from torquebench.station import Station
 
-__all__ = [
-    "BenchSnapshot",
-    "BenchState",
-    "BenchSummary",
-    "CompensationState",
-    "SideSnapshot",
-    "SideSummary",
-    "compensation_state",
-]
-
-
 BenchState = Literal["stopped", "idle", "running", "paused"]
 
 

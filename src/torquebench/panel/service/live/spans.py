@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["Histogram", "Spectrum", "histogram", "spectrum"]
-
 Array = NDArray[np.float64]
 LEAST_WINDOWS = 16
 """Smallest number of windows for a spectrum."""

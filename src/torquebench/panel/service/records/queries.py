@@ -52,8 +52,6 @@ from torquebench.records.runs.time_check import (
 from torquebench.records.signatures import Signature
 from torquebench.reports.certificate import archive_folder, run_data
 
-__all__ = ["MEDIA", "RecordQueries"]
-
 RUN_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 MEDIA = {".pdf": "application/pdf", ".xml": "application/xml", ".json": "application/json"}
 MOST_ROWS = 500

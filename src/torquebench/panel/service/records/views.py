@@ -18,16 +18,6 @@ from torquebench.records import (
     VerificationEntry,
 )
 
-__all__ = [
-    "CalibrationDetail",
-    "ErrorCurve",
-    "InterruptedView",
-    "RunDetail",
-    "RunPage",
-    "RunTable",
-    "UnfinishedView",
-]
-
 
 @dataclass(frozen=True)
 class RunPage:

@@ -13,24 +13,11 @@ from torquebench.bench.description import BenchDescription
 from torquebench.calibration import Profile, available_profiles, load_profile
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.panel.service.access.actors import Role
+from torquebench.operations import Role
 from torquebench.panel.service.problems import NotFoundError
 from torquebench.panel.service.settings.differences import Difference
 from torquebench.reducers import ReducerDescription, available_reducers, load_reducer
 from torquebench.validation import parse_toml
-
-__all__ = [
-    "BENCH",
-    "SECTIONS",
-    "Section",
-    "SectionName",
-    "SettingsChange",
-    "SettingsItem",
-    "builtin_names",
-    "find_section",
-    "load_builtin",
-    "read_upload",
-]
 
 LARGEST_UPLOAD = 64 * 1024
 BENCH = "bench"

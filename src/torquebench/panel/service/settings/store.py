@@ -43,8 +43,6 @@ from torquebench.records import json_text
 from torquebench.reducers import ReducerDescription, available_reducers, load_reducer
 from torquebench.validation import allowed_at, choices_at, faults_of, validated
 
-__all__ = ["SettingsStore"]
-
 DEEPEST = 12
 """Largest nesting depth of a document; packaged ones have less than half."""
 NAME = re.compile(r"[a-z0-9][a-z0-9.-]{0,62}[a-z0-9]")
