@@ -27,6 +27,7 @@ RECORDS = (
     "description of the flange",
     "description of transducer {serial}",
     "calibration in place",
+    "residuals of the calibration",
     "the readings' own",
     "standard errors of the calibration's points",
     "stated on the command line",

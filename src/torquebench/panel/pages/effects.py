@@ -113,7 +113,7 @@ class EffectsTable:
     def _row(self, state: EffectState, *, may: bool) -> None:
         text, name = self._text, self._text(state.name)
         with box("tr", data_effect=state.name):
-            words("th", name, scope="row", title=state.record)
+            words("th", name, scope="row", title=text(state.record))
             self._numbers[state.name] = (words("td", "", "number"), words("td", "", "number"))
             detail = text(state.detail)
             if state.state == "unmeasured":

@@ -26,7 +26,6 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobView
 from torquebench.panel.text import Text
 
-
 GROUPS = {
     "At the bench": ("bench",),
     "With the records": ("records", "folder"),
