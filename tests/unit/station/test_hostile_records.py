@@ -81,7 +81,7 @@ LISTED = {"runs", "run_ends", "calibrations", "models", "activations", "equipmen
 
 
 @pytest.mark.parametrize(
-    "name", some(sorted(metadata.tables, key=lambda name: (name not in LISTED, name)), by_day=3)
+    "name", some(sorted(metadata.tables, key=lambda name: (name not in LISTED, name)), by_day=2)
 )
 def test_any_value_in_any_column_is_named_and_the_rest_is_compared(data: Path, name: str) -> None:
     file, table = data / "registry.sqlite", metadata.tables[name]
@@ -124,7 +124,7 @@ def test_a_missing_column_is_named_and_the_rest_is_compared(
 
 
 @pytest.mark.parametrize(
-    "name", some(["run.json", "events.jsonl", "manifest.json", "results.json"], by_day=2)
+    "name", some(["run.json", "events.jsonl", "manifest.json", "results.json"], by_day=1)
 )
 @pytest.mark.parametrize("sealed", [True, nightly(False)])
 def test_any_content_of_a_runs_file_is_named_and_the_rest_is_compared(
