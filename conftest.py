@@ -58,16 +58,15 @@ settings.load_profile("torquebench")
 
 
 _LONG = (
+    "test_panel_calibration.py",
     "test_http_api_schema.py",
     "test_interfaces.py",
     "test_panel_bench.py",
-    "test_panel_calibration.py",
-    "test_panel_actions.py",
+    "test_reducer_tests_again_postgresql.py",
     "test_documentation_bench.py",
-    "test_reducer_test_command.py",
-    "test_reevaluation_postgresql.py",
+    "test_driver_contract.py",
 )
-"""With a test of twenty seconds or more: begun last, it would leave the other processor idle."""
+"""With long tests or many that wait: begun last, they would leave the other processor idle."""
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

@@ -4,9 +4,11 @@ import json
 import re
 from pathlib import Path
 
+import pytest
 from tests.system.command_line import laboratory, run, widest_line
 
 
+@pytest.mark.nightly
 def test_an_adaptive_calibration_says_how_many_points_and_why(tmp_path: Path) -> None:
     options = ("output", "--profile", "adaptive", "--points", 40, "--target", 0.001)
     rehearsed = run("calibrate", *options, "--dry-run", cwd=tmp_path)

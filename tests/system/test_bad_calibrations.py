@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.draws import nightly
 from tests.system.command_line import laboratory
 from tests.unit.reports.calibrated_bench import points
 
@@ -101,14 +102,22 @@ def test_a_good_calibration_gets_its_certificate(command: Command) -> None:
     ("profile", "spoil", "clause", "found", "refused"),
     [
         ("staircase", without_series, "positions[0].series[1]", "no series clockwise", True),
-        ("reversing", without_series, "positions[0].series[0]", "no series through both", True),
-        ("adaptive", without_series, "positions[0].series[0]", "no series counter-clock", True),
+        nightly(
+            "reversing", without_series, "positions[0].series[0]", "no series through both", True
+        ),
+        nightly(
+            "adaptive", without_series, "positions[0].series[0]", "no series counter-clock", True
+        ),
         ("staircase", step_off, "loading.step_tolerance_percent", "deviation 0.6 %", True),
-        ("reversing", step_off, "loading.step_tolerance_percent", "deviation 0.6 %", True),
+        nightly("reversing", step_off, "loading.step_tolerance_percent", "deviation 0.6 %", True),
         ("staircase", zero_off, "zero.return_limit_percent", "to 5 N·m, 0.25 % of full", True),
-        ("rapid-in-situ", zero_off, "zero.return_limit_percent", "to 5 N·m, 0.25 % of", False),
+        nightly(
+            "rapid-in-situ", zero_off, "zero.return_limit_percent", "to 5 N·m, 0.25 % of", False
+        ),
         ("staircase", drifting, "environment.temperature_drift_k", "drifted by 1.4 K", False),
-        ("reversing", drifting, "environment.temperature_drift_k", "drifted by 1.4 K", False),
+        nightly(
+            "reversing", drifting, "environment.temperature_drift_k", "drifted by 1.4 K", False
+        ),
     ],
 )
 def test_every_departure_is_named_with_its_clause(

@@ -112,6 +112,7 @@ def test_a_refusal_imports_nothing_heavy(tmp_path: Path) -> None:
         assert (code, heavy) == (2, []), (command, said)
 
 
+@pytest.mark.nightly
 def test_only_a_report_of_a_fit_draws(tmp_path: Path) -> None:
     calibration = Path(__file__).parents[2] / "examples" / "calibration-output.csv"
     (tmp_path / "points.csv").write_bytes(calibration.read_bytes())
@@ -230,6 +231,7 @@ print(sorted(heavy & loaded), sorted({"aiohttp", "requests", "tornado.web"} & lo
 """
 
 
+@pytest.mark.nightly
 def test_a_server_at_rest_has_no_library_for_fits_and_no_other_server() -> None:
     said = subprocess.run([sys.executable, "-c", AT_REST], capture_output=True, text=True)
     assert said.stdout == "[] []\n", said

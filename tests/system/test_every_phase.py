@@ -46,6 +46,7 @@ if postgresql_server.binaries() is not None or os.environ.get("CI"):
         with postgresql_server.restartable() as found:
             yield found
 
+    @pytest.mark.nightly
     @pytest.mark.parametrize("phase", [nightly("measure"), "register"])
     def test_a_restart_of_the_database_costs_nothing(
         tmp_path: Path, server: postgresql_server.Server, phase: str

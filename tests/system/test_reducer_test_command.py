@@ -59,6 +59,7 @@ def test_a_full_test_is_measured_judged_kept_and_reported(tmp_path: Path) -> Non
     assert all(f"test-{name}" in listed.stdout for name in PARTS)
 
 
+@pytest.mark.nightly
 def test_more_repeats_are_rehearsed_and_refused_for_a_first_look(tmp_path: Path) -> None:
     test = ("test", "no-load", "--reducer", "harmonic-20", "--dry-run")
     usual, more = (run(*test, *options, cwd=tmp_path) for options in ((), ("--repeats", 60)))

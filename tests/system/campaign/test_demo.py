@@ -34,6 +34,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[DemoResult, Path]:
         return run_demo(station, SETTINGS), folder
 
 
+@pytest.mark.nightly
 def test_both_modules_and_the_reducer_are_in_the_result(told: tuple[DemoResult, Path]) -> None:
     result, _ = told
     assert result.simulated
@@ -54,6 +55,7 @@ def test_both_modules_and_the_reducer_are_in_the_result(told: tuple[DemoResult, 
         assert module.recommended.dense.points == module.dense.reading_nm.size
 
 
+@pytest.mark.nightly
 def test_everything_is_registered_and_the_recommended_model_is_in_use(
     told: tuple[DemoResult, Path],
 ) -> None:
@@ -77,6 +79,7 @@ def test_everything_is_registered_and_the_recommended_model_is_in_use(
                 assert len(names) == 2
 
 
+@pytest.mark.nightly
 def test_the_dense_sweep_covers_the_range_up_and_down(told: tuple[DemoResult, Path]) -> None:
     result, _ = told
     dense = result.modules[1].dense

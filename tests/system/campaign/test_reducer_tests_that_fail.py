@@ -144,6 +144,7 @@ def test_a_bench_can_leave_recordings_out(tmp_path: Path) -> None:
     assert not (folder.path / RECORDING).exists()
 
 
+@pytest.mark.nightly
 def test_a_chain_that_corrects_rotation_needs_no_empty_run(station: Station) -> None:
     torque = np.linspace(-50.0, 50.0, 30)
     model = make_model("polynomial", range_nm=50.0).fit(features(torque), torque)

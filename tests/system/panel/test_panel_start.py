@@ -76,6 +76,7 @@ NOT_TO_SERVE = (
 )
 
 
+@pytest.mark.nightly
 def test_a_server_that_nobody_uses_loads_what_it_needs(tmp_path: Path) -> None:
     """Each of these takes 10 to 60 MB for as long as the server runs."""
     done = subprocess.run(
