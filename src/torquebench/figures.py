@@ -62,6 +62,8 @@ STYLE: Any = {  # Matplotlib types its keys one by one
 }
 _UP, _DOWN = "^", "v"
 _LEGEND_CHARACTERS = 100
+FEW_POINTS = 100
+"""Number of points up to which each of them is drawn larger."""
 
 
 def palette(side: str = "") -> tuple[str, ...]:
@@ -305,7 +307,7 @@ def error_figure(
                     **style,
                     zorder=3.0 - 0.1 * order,
                     color=RAW_COLOUR if curve.raw else colour,
-                    markersize=2.0,
+                    markersize=2.0 if curve.x.size > FEW_POINTS else 4.0,
                     linewidth=1.2,
                     alpha=0.75 if markers else 1.0,
                     label=curve.label,

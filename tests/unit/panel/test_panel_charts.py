@@ -1,6 +1,8 @@
 """Lines of charts: an uncertainty is a bar about its value, limits have a name."""
 
 import math
+import re
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -32,6 +34,18 @@ def test_a_curve_has_the_same_colour_on_paper_on_a_result_and_live(side: str) ->
     raw, compensated = _lines(Text("en"), Panel(curves, "x", "y", side=side))
     assert (raw.colour, compensated.colour) == (LIVE["raw_nm"], LIVE[side or "input"])
     assert palette(side).count(LIVE["reference_nm"]) == (side == "")  # the standard's own
+
+
+LOOK = (resources.files("torquebench.panel") / "static" / "panel.css").read_text("utf-8")
+
+
+def test_texts_have_one_scale_of_sizes_and_boxes_a_grid_of_4_px() -> None:
+    sizes = re.findall(r"^([^@/\n]*)\{[^{}]*?font-size: (\d+)px", LOOK, re.M)
+    texts = {int(size) for rule, size in sizes if "q-icon" not in rule}
+    assert texts == {11, 13, 15, 18, 22, 44}  # 11: names of pages and bench on a phone
+    spaces = re.findall(r"(?:padding|margin|gap)[a-z-]*: ([^;]*)", LOOK)
+    off = {int(px) for space in spaces for px in re.findall(r"\b(\d+)px", space)}
+    assert {px for px in off if px % 4 and px > 2} == set()
 
 
 def test_each_value_has_a_bar_of_its_own() -> None:

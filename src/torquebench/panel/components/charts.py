@@ -92,7 +92,7 @@ def _axis(
         "nameLocation": "end" if vertical else "middle",
         "nameGap": 10 if vertical else 34,
         "nameTextStyle": {
-            "fontSize": 14,
+            "fontSize": 13,
             "align": "left" if vertical else "center",
             "padding": [0, 0, 0, -56] if vertical else 0,
             ":color": _colour("--muted"),
@@ -212,7 +212,7 @@ class Chart:
                 **_legend(lines),
                 "itemWidth": 18,
                 "itemHeight": 10,
-                "textStyle": {"fontSize": 14, ":color": _colour("--ink")},
+                "textStyle": {"fontSize": 13, ":color": _colour("--ink")},
                 ":pageIconColor": _colour("--ink"),
             },
             "tooltip": {"trigger": "axis", "confine": True},

@@ -661,7 +661,7 @@ export default {
       if (!this.x && this.series.findIndex((each) => each.grid === grid) === place) {
         for (const marker of this.markers) {
           if (marker.time < start || marker.time > stop) continue;
-          data.push({ xAxis: (marker.time + this.offset) * 1000, label: { show: grid === 0, formatter: marker.note, position: "insideEndTop", color: this.colour("--ink"), fontSize: 12 }, lineStyle: { color: this.colour("--ink"), type: "solid", width: 1 } });
+          data.push({ xAxis: (marker.time + this.offset) * 1000, label: { show: grid === 0, formatter: marker.note, position: "insideEndTop", color: this.colour("--ink"), fontSize: 13 }, lineStyle: { color: this.colour("--ink"), type: "solid", width: 1 } });
         }
       }
       return { symbol: "none", silent: true, animation: false, data };
