@@ -174,9 +174,9 @@ class MeasuredSide:
         if self.torque_nm is None:
             return f"{self.state:>{width}.{width}}"
         if self.expanded_uncertainty_nm is None:
-            return f"{self.torque_nm:{whole}.{decimals}f} raw".ljust(width)
+            return f"{self.torque_nm:z{whole}.{decimals}f} raw".ljust(width)
         expanded = f"{self.expanded_uncertainty_nm:5.{decimals}f}"
-        return f"{self.torque_nm:{whole}.{decimals}f} ± {expanded}"
+        return f"{self.torque_nm:z{whole}.{decimals}f} ± {expanded}"
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 
 from torquebench.bench.active_chain import ActiveChain
 from torquebench.chain import MeasuredTemperature, MeasuringChain
-from torquebench.cli.measure import measured_interval
+from torquebench.cli.measure import MeasuredSide, measured_interval
 from torquebench.compensation import make_model
 from torquebench.station import Station
 
@@ -25,6 +25,11 @@ def test_an_uncompensated_line_says_so(tmp_path: Path) -> None:
     assert "±" not in line
     assert "rpm" in line
     assert "°C" in line
+
+
+def test_an_unloaded_chain_reads_no_negative_zero() -> None:
+    assert MeasuredSide(-0.0004, None, "raw").text(7, 3).strip() == "0.000 raw"
+    assert MeasuredSide(-0.0004, 0.01, "compensated").text(7, 2).split() == ["0.00", "±", "0.01"]
 
 
 def test_a_lost_signal_is_named_and_no_number(tmp_path: Path) -> None:
