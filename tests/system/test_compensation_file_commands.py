@@ -35,6 +35,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.nightly
 def test_readings_are_compensated_into_every_written_format(model: Path, tmp_path: Path) -> None:
     (tmp_path / "readings.csv").write_text("reading_nm\n100\n-250.5\n")
     for ending in endings(written=True):

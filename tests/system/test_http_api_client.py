@@ -250,6 +250,7 @@ async def _acknowledged(bench: AsyncClient, alarm_ids: list[str]) -> None:
     raise AssertionError("the bench doesn't become safe")
 
 
+@pytest.mark.nightly
 def test_the_documentations_example_runs(
     server: Server,
     admin: httpx.Client,

@@ -34,6 +34,7 @@ enabled = false
 """
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("phases", "chosen"),
     [("coverage", ("--include-method", "GET")), nightly("coverage,fuzzing", ())],

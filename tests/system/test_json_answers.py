@@ -66,7 +66,6 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("calibrate", "output", "--step", "25", "--json"),
         ("check", "output", "--json"),
         ("fit", CALIBRATION, "--range", "2000", "--json"),
-        ("test", "no-load", "--short", "--json"),
     ):
         done = run(*arguments, *in_records(folder, arguments), cwd=folder)
         assert done.returncode == 0, done.stderr
@@ -94,6 +93,7 @@ def records(measured: Path, tmp_path: Path) -> Path:
         ("turn", "output", "--out", "run.csv", "--dry-run"),
         ("test", "starting", "--dry-run"),
         ("verification", "output", "--groups", "2", "--points", "8"),
+        ("test", "no-load", "--short"),
         ("certificate", "latest"),
         ("fit", CALIBRATION, "--range", "2000", "--out", "other.json"),
         ("apply", "model.json", READINGS, "--out", "torque.csv"),

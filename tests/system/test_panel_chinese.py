@@ -169,6 +169,7 @@ def test_a_table_from_elsewhere_is_looked_at_entered_and_taken_up(
     assert ana.problems() == []
 
 
+@pytest.mark.nightly
 def test_an_alarm_says_what_it_is_and_what_to_do(ana: Visitor) -> None:
     ana.open("/alarms")
     ana.driver.find_element(By.CSS_SELECTOR, "[data-stop]").click()

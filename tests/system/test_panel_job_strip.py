@@ -60,6 +60,7 @@ def begin(person: Visitor) -> None:
     assert strip(person) == ""  # the page shows the job itself
 
 
+@pytest.mark.nightly
 def test_a_job_is_seen_and_ended_from_another_page(person: Visitor) -> None:
     begin(person)
     person.size(1440, 900)

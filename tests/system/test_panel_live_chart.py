@@ -216,6 +216,7 @@ def test_peaks_are_held(person: Visitor) -> None:
     person.wait(lambda: heads(person)[-1] == "Mean", "no held peaks")
 
 
+@pytest.mark.nightly
 def test_a_marker_is_seen_with_its_note(person: Visitor) -> None:
     person.open("/")
     person.press("10 min")  # in ten seconds it may be gone before anybody looks

@@ -16,6 +16,7 @@ from plugins.plant.tests.plant_bench import (
 from sqlalchemy import text
 from sqlalchemy.engine import URL, make_url
 from tests import postgresql_server
+from tests.support.draws import nightly
 
 from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError, RecordError
@@ -96,7 +97,7 @@ def test_every_table_of_a_bench_is_known_to_the_plant(plant: Plant) -> None:
     assert set(metadata.tables) - names == {"chain", "run_ends"}  # as links; in runs
 
 
-@pytest.mark.parametrize("kept", [0, 1, 2, 5])
+@pytest.mark.parametrize("kept", [0, nightly(1), 2, nightly(5)])
 def test_a_link_that_goes_down_loses_and_repeats_nothing(
     plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: int
 ) -> None:

@@ -29,6 +29,7 @@ from torquebench.uncertainty import Budget
 from torquebench_plant import Plant, differences, forward, reevaluate
 from torquebench_plant.reevaluation import BUDGETS_ONLY, RunTask, SealedFolder, reevaluate_run
 
+pytestmark = pytest.mark.nightly  # by day calibrations and checks are evaluated again
 REDUCER = load_reducer("rv-40e")
 BEFORE = "20260105T000000Z-test-hysteresis-0000"
 OTHER_RULE = "20260106T000000Z-test-hysteresis-0001"

@@ -104,6 +104,7 @@ def test_too_few_powers_are_stated_as_residual(table: CompensationTable) -> None
     assert straight.residual_nm == pytest.approx(least, rel=0.3)
 
 
+@pytest.mark.nightly
 def test_a_hysteresis_is_stated_on_its_branches() -> None:
     rising = np.linspace(0.0, RANGE_NM, 21)
     reading = np.concatenate([rising, rising[::-1]])

@@ -153,6 +153,7 @@ def test_an_aborted_calibration_goes_on(service: BenchService) -> None:
     assert (module.calibration_id, len(module.points.reading_nm)) == (1, 80)
 
 
+@pytest.mark.nightly
 def test_the_network_is_fitted_with_its_parameters_and_shows_its_training(
     service: BenchService, tmp_path: Path
 ) -> None:

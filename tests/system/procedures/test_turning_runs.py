@@ -223,6 +223,7 @@ def test_a_verification_draws_speeds_and_torques_that_a_seed_repeats(
     assert np.max(np.abs(data.reading_nm - data.standard_nm)) < 0.02 * 50.0
 
 
+@pytest.mark.nightly
 def test_a_verification_waits_for_the_temperature_of_each_series(
     station: Station, tmp_path: Path
 ) -> None:
