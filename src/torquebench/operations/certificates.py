@@ -289,7 +289,7 @@ def run_certificate(
         headline=Message(
             "Certificate {number}{judged}.",
             record.number,
-            "" if conformity is None else f": {conformity.verdict.label}",
+            "" if conformity is None else Message(": {verdict}", conformity.verdict.label),
         ),
         verdict="" if conformity is None else conformity.verdict.value,
         simulated=record.simulated,
@@ -333,7 +333,7 @@ def _remarks(registry: records.Registry, record: CertificateRecord) -> Iterable[
     for each in record.deviations:
         yield Message("it states a deviation: {found} (clause {clause})", each.found, each.clause)
     if record.compensation and record.verification is None:
-        yield (
+        yield Message(
             "no verification at fresh points is registered for this compensation; the certificate "
             "states this"
         )

@@ -114,6 +114,9 @@ class EstimatedValue:
     expanded_uncertainty: float
     unit: str
 
+    def __str__(self) -> str:
+        return f"{self.value:.4g} ± {self.expanded_uncertainty:.2g} {self.unit}".rstrip()
+
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluatedDynamics(Result):
@@ -134,9 +137,13 @@ class EvaluatedDynamics(Result):
         facts = [
             (
                 words,
-                f"bandwidth {step.bandwidth_hz:.4g} Hz, overshoot of a step "
-                f"{100.0 * max(step.overshoot, 0.0):.2g} %, "
-                f"rise time {MS_PER_S * step.rise_time_s:.3g} ms",
+                Message(
+                    "bandwidth {bandwidth:.4g} Hz, overshoot of a step {overshoot:.2g} %, rise "
+                    "time {rise:.3g} ms",
+                    step.bandwidth_hz,
+                    100.0 * max(step.overshoot, 0.0),
+                    MS_PER_S * step.rise_time_s,
+                ),
             )
             for words, step in self.steps
         ]

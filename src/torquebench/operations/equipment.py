@@ -55,7 +55,7 @@ class Equipment(Request):
     @property
     def name(self) -> str:
         """Kind and serial number."""
-        return f"{self.kind} {self.serial}"
+        return Message("{kind} {serial}", self.kind, self.serial)
 
 
 def check_known(place: Place, request: Equipment) -> Sequence[str]:
@@ -335,7 +335,7 @@ def run_adjust(place: Place, request: AdjustRequest, _progress: Progress) -> Ent
         place.signature,
     )
     newest = registry.calibrations(request.serial, limit=1) if request.kind == "transducer" else []
-    record = f"adjustment of {request.name}"
+    record = Message("adjustment of {item}", request.name)
     return Entered(
         headline=Message("{record} entered: {what}", record, request.what),
         remarks=tuple(

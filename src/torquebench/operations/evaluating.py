@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from dataclasses import field as data_field
 from functools import partial
 from pathlib import Path
+from string import Formatter
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from torquebench import campaign, reducers
@@ -834,7 +835,8 @@ def _curves(result: Any) -> list[str]:
 
 def evaluation_title(request: TableEvaluation) -> str:
     """Return the name of the test."""
-    return request.title.format_map(request.model_dump())
+    names = (name for _, name, _, _ in Formatter().parse(request.title) if name)
+    return Message(request.title, *(getattr(request, name) for name in names))
 
 
 def _operation(name: str, request: type[TableEvaluation]) -> Operation:

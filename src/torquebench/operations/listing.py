@@ -454,7 +454,7 @@ def _show_calibration(registry: Registry, calibration_id: int) -> ShownRecord:
             "transducer": entry.transducer_serial,
             "counter": entry.counter_identity,
             "standard": entry.standard_serial,
-            "measured by": f"{entry.measured_by}, {how(entry.signature)}",
+            "measured by": Message.joined((entry.measured_by, how(entry.signature))),
             "checked by": "; ".join(
                 f"{each.checked_by}, {_moment(each.checked)}"
                 f"{'' if each.accepted else ', not accepted'}, {how(each.signature)}"
@@ -462,7 +462,7 @@ def _show_calibration(registry: Registry, calibration_id: int) -> ShownRecord:
                 for each in reviews
             ),
             "range": f"{entry.range_nm:g} N·m",
-            "valid": f"{low:.6g} to {high:.6g} N·m",
+            "valid": Message("{low:.6g} to {high:.6g} N·m", low, high),
             "due": "" if entry.due is None else entry.due.isoformat(),
             "points": str(entry.points),
             "mean temperature": (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, TypeAlias
 
@@ -127,4 +127,6 @@ def stated(value: Any, unit: str = "") -> str:
         return Message("{value:.6g} {unit}", value, unit) if unit else f"{value:.6g}"
     if isinstance(value, list | tuple):
         return Message.joined(stated(each, unit) for each in value)
+    if isinstance(value, Mapping):
+        return Message.joined(f"{name} = {each}" for name, each in value.items())
     return value if isinstance(value, str) else str(value)

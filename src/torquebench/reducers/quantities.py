@@ -49,7 +49,7 @@ class Finding:
     @property
     def sentence(self) -> str:
         """Finding and remedy in one sentence, without the name."""
-        return f"{self.message}; {self.remedy}"
+        return Message.joined((self.message, self.remedy), "; ")
 
     def __str__(self) -> str:
         return f"{self.name}: {self.sentence}"

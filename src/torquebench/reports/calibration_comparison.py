@@ -15,16 +15,24 @@ BRANCHES = {1: "rising", -1: "falling", 0: ""}
 
 def calibration_comparison_page(found: CalibrationComparison) -> Page:
     """Return the page of a comparison, ready for `write_report`."""
-    facts = [
+    facts: list[tuple[str, str]] = [
         (
             word,
-            f"{each.name} of {each.entry.performed:%Y-%m-%d}, {each.entry.points} points, "
-            f"{each.entry.valid_nm[0]:g} to {each.entry.valid_nm[1]:g} N·m, "
-            f"model-{each.model.model_id} ({each.model.kind})",
+            Message(
+                "{calibration} of {day}, {points} points, {low:g} to {high:g} N·m, model-{number} "
+                "({kind})",
+                each.name,
+                f"{each.entry.performed:%Y-%m-%d}",
+                each.entry.points,
+                *each.entry.valid_nm,
+                each.model.model_id,
+                each.model.kind,
+            ),
         )
         for word, each in (("Before", found.before), ("After", found.after))
     ]
-    facts += [("Compared", f"{found.low_nm:.4g} to {found.high_nm:.4g} N·m")]
+    compared = Message("{low:.4g} to {high:.4g} N·m", found.low_nm, found.high_nm)
+    facts += [("Compared", compared)]
     facts += [("Result", found.verdict())]
     caption = (
         "Above: additional torque by both calibrations. Below: its change with U (k = 2); a change "

@@ -5,6 +5,7 @@ import re
 import tomllib
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import fields
 from functools import cache
 from pathlib import Path
 from string import Formatter
@@ -20,10 +21,12 @@ from torquebench.compensation import MODELS
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.operations import OPERATIONS, Parameter, parameters
+from torquebench.operations.result import Result
+from torquebench.reports.certificate.building import UNREVIEWED
 from torquebench.signals import SignalFaultKind
 from torquebench.translations import has_words, templates, translated
 from torquebench.uncertainty import Verdict
-from torquebench.units import unit_of_name
+from torquebench.units import title_of_name, unit_of_name
 
 ROOT = Path(torquebench.__file__).parent
 HOLE = re.compile(r"\{(\w+)\}")
@@ -222,8 +225,25 @@ def operation_texts() -> set[str]:
     }
 
 
+def value_titles() -> set[str]:
+    """Return the titles of the values of results that have no page of their own."""
+    common = {each.name for each in fields(Result)}
+    return {
+        title_of_name(each.name)
+        for operation in OPERATIONS.values()
+        if operation.served and operation.result.page is Result.page
+        for each in fields(operation.result)
+        if each.name not in common
+    }
+
+
 def test_every_form_of_an_operation_is_in_chinese() -> None:
     assert {text for text in operation_texts() if not known(text)} == set()
+
+
+def test_every_title_of_a_value_and_condition_of_a_certificate_is_in_chinese() -> None:
+    said = {*value_titles(), *UNREVIEWED.values()}
+    assert {text for text in said if not known(text)} == set()
 
 
 def test_every_deviation_has_its_german_sentence_for_certificates() -> None:
@@ -247,7 +267,7 @@ def test_every_translated_message_is_in_the_source() -> None:
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
     }
     said |= {each for path in trees() for each in messages(path)}
-    said |= {verdict.label for verdict in Verdict} | operation_texts()
+    said |= {verdict.label for verdict in Verdict} | operation_texts() | value_titles()
     described = "".join(
         file.read_text(encoding="utf-8")
         for file in ROOT.rglob("*.toml")

@@ -54,27 +54,30 @@ def comparison_page(found: ReducerComparison) -> Page:
 
 
 def _facts(found: ReducerComparison) -> Facts:
-    rows = []
+    rows: list[tuple[str, str]] = []
     names = ("Before", "After") if found.changes else [each.name for each in found.specimens]
     for name, each in zip(names, found.specimens, strict=True):
-        short = ", short test" if each.short else ""
-        rows.append((name, f"run {each.run_id}{short}{_judged(each)}"))
+        words = Message("run {run_id}, short test" if each.short else "run {run_id}", each.run_id)
+        rows.append((name, Message.joined((words, _judged(each)), "; ")))
     if found.changes:
         changed = [found.title(key) for key, each in found.changes.items() if each.significant]
-        rows.append(("Changed by more than U", "; ".join(changed) or "nothing"))
+        changes = Message.joined(changed, "; ") if changed else "nothing"
+        rows.append(("Changed by more than U", changes))
     else:
         outliers = [
-            f"{serial} ({found.title(key)})"
+            Message("{serial} ({quantity})", serial, found.title(key))
             for key, each in found.values.items()
             for serial in each.outliers
         ]
         few = "at least four specimens are needed for a statement"
         none = "none" if len(found.specimens) >= 4 else few
-        rows.append(("Standing out", "; ".join(outliers) or none))
+        rows.append(("Standing out", Message.joined(outliers, "; ") if outliers else none))
     common = "one bench with the same models: errors common to all runs cancel in differences"
     rows.append(("Chain", common if found.same_chain else "different chains: nothing cancels"))
     if found.left_out:
-        rows.append(("Left out", f"{found.left_out} values that aren't in every run"))
+        rows.append(
+            ("Left out", Message("{count} values that aren't in every run", found.left_out))
+        )
     return Facts(rows)
 
 
@@ -82,10 +85,12 @@ def _judged(specimen: SpecimenResults) -> str:
     """State how often each verdict against the data sheet occurred."""
     verdicts = [each.verdict for each in specimen.quantities.values() if each.verdict]
     if not verdicts:
-        return "; nothing was judged"
+        return "nothing was judged"
     counts = {each: verdicts.count(each) for each in dict.fromkeys(verdicts)}
-    words = ", ".join(f"{count} × {Verdict(each).label}" for each, count in counts.items())
-    return f"; against the data sheet: {words}"
+    words = Message.joined(
+        Message("{count} × {verdict}", count, Verdict(each).label) for each, count in counts.items()
+    )
+    return Message("against the data sheet: {verdicts}", words)
 
 
 # -- figures --------------------------------------------------------------------------------
@@ -95,12 +100,16 @@ def _figures(found: ReducerComparison) -> list[tuple[str, str]]:
     single, families = _drawn(found)
     figures = []
     if single:
-        mean = "" if found.changes else "; grey: their mean ± its U"
-        caption = f"Values ± U{mean}; dashed: limit of the data sheet, where it is near."
+        caption = (
+            "Values ± U; dashed: limit of the data sheet, where it is near."
+            if found.changes
+            else "Values ± U; grey: their mean ± its U; dashed: limit of the data sheet, where it "
+            "is near."
+        )
         figures.append((values_figure(found, single), caption))
     for title, keys in families.items():
         against = "after less before" if found.changes else "less the mean of all specimens"
-        caption = f"{title}: {against}, ± U of the difference."
+        caption = Message("{quantity}: {against}, ± U of the difference.", title, against)
         figures.append((difference_figure(found, keys), caption))
     return figures
 

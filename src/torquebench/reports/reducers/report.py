@@ -100,11 +100,12 @@ def _verdict(record: ReducerTestRecord) -> str:
     if record.short:
         words.append(SHORT_TEST)
     if record.failures:
-        words.append("without result: " + ", ".join(each.title for each in record.failures))
+        failed = Message.joined(each.title for each in record.failures)
+        words.append(Message("without result: {tests}", failed))
     severe = [each.title for each in record.outcomes if each.severe]
     if severe:
-        words.append("not to be used for a verdict: " + ", ".join(severe))
-    return "; ".join(words)
+        words.append(Message("not to be used for a verdict: {tests}", Message.joined(severe)))
+    return Message.joined(words, "; ")
 
 
 def _failure(failure: ReducerTestFailure) -> Section:
@@ -114,7 +115,9 @@ def _failure(failure: ReducerTestFailure) -> Section:
 
 def _section(outcome: ReducerTestOutcome) -> Section:
     remarks = tuple(("Remark", remark) for remark in outcome.remarks)
-    findings = tuple((f"Finding: {each.name}", each.sentence) for each in outcome.findings)
+    findings = tuple(
+        (Message("Finding: {name}", each.name), each.sentence) for each in outcome.findings
+    )
     facts = Facts((*findings, *remarks, ("Record", outcome.run.run_id)))
     figures = Drawings(lambda: TESTS[outcome.name].work().figures(outcome.result))
     return Section(
@@ -190,7 +193,7 @@ def no_load_table(
     for name, sign in (("clockwise", 1.0), ("counter-clockwise", -1.0)):
         side = {at: each for (at, way), each in points.items() if way == sign}
         if side:
-            columns.append((f"{name}, N·m", side, False))
+            columns.append((Message("{direction}, N·m", name), side, False))
             if any(result.repeat_range_nm(each) is not None for each in side.values()):
                 columns.append(("range of repeats, N·m", side, True))
     if means:
@@ -252,7 +255,7 @@ def efficiency_tables(
     list of (header, rows, caption)
         One table per driving side.
     """
-    found = []
+    found: list[tuple[tuple[str, ...], list[tuple[str, ...]], str]] = []
     for driving in ("input", "output"):
         means = [each for each in result.means if each.driving == driving]
         points = means or [each for each in result.points if each.driving == driving]
@@ -276,10 +279,13 @@ def efficiency_tables(
                 for speed in sorted(set(columns))
             ]
             rows.append((f"{line:.4g}", *cells, stated(0.0, largest)[1]))
-        which = ", mean of both directions" if means else ""
-        caption = (
-            f"Efficiency in %, {driving} drives{which}, by output torque (rows, N·m) and input "
-            "speed (columns, rpm). U: the largest of the row, 95.45 % coverage."
+        caption = Message(
+            "Efficiency in %, {side} drives, mean of both directions, by output torque (rows, N·m) "
+            "and input speed (columns, rpm). U: the largest of the row, 95.45 % coverage."
+            if means
+            else "Efficiency in %, {side} drives, by output torque (rows, N·m) and input speed "
+            "(columns, rpm). U: the largest of the row, 95.45 % coverage.",
+            driving,
         )
         speeds = [f"{speed:.4g} rpm" for speed in sorted(set(columns))]
         found.append((("N·m", *speeds, "U, %"), rows, caption))

@@ -219,10 +219,11 @@ def _mark_key_points(whole: Axes, near: Axes, result: HysteresisResult) -> None:
 
 def _figures(result: HysteresisResult) -> tuple[tuple[str, str], ...]:
     """Return the diagram of the loops with its caption."""
-    caption = (
+    caption = Message(
         "Output angle relative to the locked input over output torque, corrected for the bench's "
         "own twist if it is known; each loop is centred at zero. Below: the first loop's key "
-        f"points; lost motion: {result.rule.words()}."
+        "points; lost motion: {rule}.",
+        result.rule.words(),
     )
     return ((_figure(result), caption),)
 

@@ -168,10 +168,10 @@ def _figures(result: TransmissionErrorResult | SwingsResult) -> tuple[tuple[str,
             "Output angle minus input angle divided by the ratio, mean removed, stroke by stroke."
         )
         return ((_over_strokes(result), strokes),)
-    caption = (
-        "Output angle minus input angle divided by the ratio over "
-        "one output revolution, mean removed, "
-        f"orders up to {result.highest_order:g}; below its orders."
+    caption = Message(
+        "Output angle minus input angle divided by the ratio over one output revolution, mean "
+        "removed, orders up to {order:g}; below its orders.",
+        result.highest_order,
     )
     polar = "The same as a polar plot: the dark circle is an error of 0."
     return ((_over_revolution(result), caption), (_polar(result), polar))

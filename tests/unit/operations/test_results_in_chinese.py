@@ -1,4 +1,4 @@
-"""What operations of the papers show on the Chinese panel is Chinese, curves' names included."""
+"""What results show on the Chinese panel is Chinese: titles, captions, curves' names."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -14,7 +14,7 @@ from torquebench.calibration import CalibrationData
 from torquebench.operations import find_operation
 from torquebench.operations.mechanics import Mechanics
 from torquebench.operations.papers import PapersRequest, papers_page_of
-from torquebench.operations.place import Place
+from torquebench.operations.place import PackagedLibrary, Place
 from torquebench.papers.in_place import in_place_page
 from torquebench.papers.items import HARDWARE, SUB_SYSTEMS
 from torquebench.papers.models import BP_RESIDUAL, RECOMMENDED_NAME, fit_module
@@ -26,6 +26,8 @@ from torquebench.reports.page import Diagram, Facts, Figure, Page, Section, Tabl
 from torquebench.translations import has_words, translated
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
+FIELD = Path(__file__).parents[1] / "reducers" / "field"
+EVALUATED = ("breakaway", "efficiency", "transmission-error", "hysteresis")
 ADDRESSES = {row[-1] for rows in (BEYOND, INTERFACE, PURPOSE) for row in rows}
 """Commands, and addresses of the HTTP API and of tests."""
 
@@ -38,6 +40,13 @@ def in_place() -> Page:
     data = CalibrationData(reading, torque, np.ones(44, int), branch, 2000.0, side="output")
     module = ModuleTables(data, data, None, data)
     return in_place_page("Lab 3", "output", fit_module(module, (BP_RESIDUAL, RECOMMENDED_NAME)))
+
+
+def evaluated(name: str, file: str, **request: object) -> Page:
+    operation = find_operation(f"evaluate {name}")
+    asked = operation.request.model_validate({"data": [FIELD / file], **request})
+    place = Place("", PackagedLibrary())
+    return operation.run(place, asked, NO_PROGRESS).page()
 
 
 def mechanics(name: str) -> Page:
@@ -89,15 +98,26 @@ def papers() -> Page:
     [
         in_place,
         *(partial(mechanics, each) for each in ("additional-torque", "sections")),
+        partial(evaluated, "breakaway", "breakaway_staircase.csv", kind="back-driving"),
+        partial(evaluated, "efficiency", "efficiency_chain.csv", ratio=10.0),
+        partial(
+            evaluated,
+            "transmission-error",
+            "te_large_error_one_turn.csv",
+            ratio=10.0,
+            highest_order=1.0,
+        ),
+        partial(evaluated, "hysteresis", EXAMPLES / "loops-rv-40e.csv", reducer="rv-40e"),
         pytest.param(papers, marks=pytest.mark.nightly),
     ],
-    ids=["in-place", "additional-torque", "sections", "papers"],
+    ids=["in-place", "additional-torque", "sections", *EVALUATED, "papers"],
 )
-def test_what_the_panel_shows_of_the_papers_is_chinese(page: Callable[[], Page]) -> None:
+def test_what_the_panel_shows_is_chinese(page: Callable[[], Page]) -> None:
     said = {
         each
         for each in texts(page())
         if has_words(each) and re.search("[a-z]{2}", each) and each not in ADDRESSES
     }
     assert len(said) > 5
+    said = {each for each in said if not re.search(r"\.csv$| = \w", each)}
     assert [each for each in sorted(said) if translated(each, "zh") == each] == []
