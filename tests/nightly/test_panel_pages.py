@@ -31,7 +31,9 @@ PARTS = {
     ),
 }
 """Parts of pages with an address of their own."""
-COMMANDS = re.compile("|".join(each.name for each in OPERATIONS.values() if " " in each.name))
+NAMES = [each.name for each in OPERATIONS.values() if " " in each.name]
+COMMANDS = re.compile("|".join(["--[a-z]", *NAMES]))
+"""Commands and their options, which every language has in English."""
 CUT = """
 const parts = '.page :is(button, label, h1, h2, h3, summary, .tag, dd, td, li)';
 return [...document.querySelectorAll(parts)]
