@@ -511,7 +511,8 @@ class Operation:
     signed : bool
         Whether a person has to sign with the password.
     local : bool
-        Whether only the command line offers it.
+        Whether only the command line offers it: it replaces or copies the records on which a panel
+        works, or reads a queue from a file, for which the panel has its own queue.
     exclusive : bool
         Whether it needs exclusive access to the bench and its records.
     commands : bool

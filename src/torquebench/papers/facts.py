@@ -83,7 +83,7 @@ def bench_facts(station: Station, mounted: MountingRecord | None) -> dict[str, s
 def _supply(described: PowerSupplyDescription | None, *, watched: bool) -> str:
     if described is None:
         return ""
-    parts = [described.model]
+    parts: list[str] = [Message("{model}", described.model)]
     if described.voltage_v is not None:
         parts.append(f"{described.voltage_v:g} V")
     if described.power_kw is not None:
@@ -95,7 +95,7 @@ def _supply(described: PowerSupplyDescription | None, *, watched: bool) -> str:
 def _rail(described: GuideRailDescription | None, *, moved: bool) -> str:
     if described is None:
         return ""
-    parts = [described.model]
+    parts: list[str] = [Message("{model}", described.model)]
     if described.travel_mm is not None:
         parts.append(f"{described.travel_mm:g} mm")
     parts.append(
