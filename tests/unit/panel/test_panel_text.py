@@ -13,6 +13,8 @@ from torquebench.translations import templates
 
 LABELS = Path(torquebench.__file__).parent / "reports" / "certificate" / "labels.toml"
 HOMONYMS = {
+    "compensation",  # the model of a certificate, what an interface does
+    "factor",  # a number, an influence
     "off",  # a switch of the page, a drive
     "on",
     "serial",  # a kind of line, a number
