@@ -27,6 +27,17 @@ def end_with_parent() -> None:
     threading.Thread(target=wait, name="torquebench-parent", daemon=True).start()
 
 
+def open_all_files() -> None:
+    """Let this process open as many files as the system grants; a connection takes one of them."""
+    try:
+        import resource
+    except ImportError:  # on Windows
+        return
+    with contextlib.suppress(OSError, ValueError):
+        most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+
+
 def limit_process(memory_mb: int, seconds: float | None) -> None:
     """Limit this process's further memory and its processor time, where the system can do so."""
     try:

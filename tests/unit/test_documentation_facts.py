@@ -175,8 +175,6 @@ FIGURES = {
         "Documents deeper than twelve levels",
         f"Limits for a request are {connections.HEAD_S:.0f} s and "
         f"{connections.LARGEST_HEAD // KIB} KiB for its head, and {security.BODY_S:.0f} s for its",
-        f"At most {connections.MOST_CONNECTIONS} connections are open",
-        f"{connections.FOR_STOPS} further connections are accepted for stopping",
         f"reads nothing for {stream.SLOWEST_S:.0f} s",
     ),
     "explanation/safety.md": (

@@ -1,9 +1,8 @@
-"""Limits on the duration and number of connections."""
+"""Limits on the time and length of a request's head."""
 
 from __future__ import annotations
 
 import asyncio
-import itertools
 from typing import Any
 
 from uvicorn.protocols.http.auto import AutoHTTPProtocol
@@ -17,17 +16,6 @@ LAST_POLL_S = 0.1
 s."""
 LARGEST_HEAD = 64 * 1024
 """Longest head of a request, bytes; the parser itself has no limit."""
-MOST_CONNECTIONS = 300
-"""Largest number of connections, because the bench's files also need descriptors. Another one
-replaces the longest idle one, so that a stop always gets through.
-"""
-FOR_STOPS = 50
-"""Additional connections if none is idle; they may only stop the bench."""
-STOPS = (b"POST /panel/stop ", b"POST /api/v1/stop ")
-
-_TURNS = itertools.count(1)
-"""Numbers the order in which connections became idle; the loop's clock is too coarse for this.
-"""
 _Base: Any = AutoHTTPProtocol
 
 
@@ -36,47 +24,14 @@ class PatientProtocol(_Base):
 
     _patience: asyncio.TimerHandle | None = None
     _head = 0
-    _idle_since = 0
-    _begin: bytes | None = None
-    """Data of a connection that may only stop the bench; None for any other."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:
-        """Accept a connection; if there are too many, close an idle one or allow only a stop."""
+        """Accept a connection and wait for its first request."""
         super().connection_made(transport)
-        self._idle_since = next(_TURNS)
-        if len(self.connections) > MOST_CONNECTIONS:
-            gone = self._dispensed()
-            if gone is None and len(self.connections) > MOST_CONNECTIONS + FOR_STOPS:
-                transport.abort()
-                return
-            if gone is None or gone._begin is not None:
-                self._begin = b""
         self._wait()
-
-    def _dispensed(self) -> PatientProtocol | None:
-        """Close the longest idle connection, if there is one."""
-        others = (each for each in self.connections if isinstance(each, PatientProtocol))
-        idle = [each for each in others if each is not self and each._dispensable]
-        gone = min(idle, key=lambda each: each._idle_since, default=None)
-        if gone is not None:
-            gone.transport.abort()
-        return gone
-
-    @property
-    def _dispensable(self) -> bool:
-        return (
-            not self._answering
-            and not self.transport.is_closing()
-            and self.transport.get_protocol() is self
-        )
 
     def data_received(self, data: bytes) -> None:
         """Receive data; the timeout of an incomplete request isn't extended by them."""
-        if self._begin is not None:
-            self._begin = (self._begin + data)[: len(STOPS[1])]
-            if not any(self._begin.startswith(s[: len(self._begin)]) for s in STOPS):
-                self.transport.abort()
-                return
         super().data_received(data)
         if self.transport.is_closing() or self.transport.get_protocol() is not self:
             return
@@ -103,13 +58,6 @@ class PatientProtocol(_Base):
         if self._patience is not None:
             self._patience.cancel()
             self._patience = None
-
-    def on_response_complete(self) -> None:
-        """Mark the connection as idle."""
-        self._idle_since = next(_TURNS)
-        if self._begin is not None:
-            self._begin = b""
-        super().on_response_complete()
 
     def timeout_keep_alive_handler(self) -> None:
         """Close an idle connection after a last chance to read a waiting request."""

@@ -29,6 +29,7 @@ from torquebench.panel.pages import PAGES, register_pages
 from torquebench.panel.pages.sockets import PageSockets
 from torquebench.panel.service import BenchService
 from torquebench.panel.stopping import StopFirst
+from torquebench.processes import open_all_files
 
 __all__ = ["create_app", "listen", "serve", "serve_application", "storage_secret"]
 
@@ -114,6 +115,7 @@ def serve(
         Called with the URL once connections are accepted.
     """
     address.check()
+    open_all_files()
     listening = listen(address)
     port = int(listening.getsockname()[1])
     loops = uvicorn.Config(app="").get_loop_factory()

@@ -265,47 +265,11 @@ def test_a_body_that_trickles_is_cut(
         assert behind.cancelled.wait(200.0)
 
 
-def test_a_stop_gets_in_however_many_connections_idle(
-    service: BenchService, url: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 3)
+def test_a_stop_gets_in_beside_a_hundred_idle_connections(service: BenchService, url: str) -> None:
     port = httpx.URL(url).port
     with contextlib.ExitStack() as held:
-        idle = [
-            held.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(20)
-        ]
+        for _ in range(100):
+            held.enter_context(socket.create_connection(("127.0.0.1", port)))
         answer = httpx.post(url + PAGE_STOP, headers={"X-Torquebench": "panel"}, timeout=200.0)
         assert answer.status_code == 200
-        idle[0].settimeout(200.0)
-        with contextlib.suppress(ConnectionError):
-            assert idle[0].recv(1) == b""  # the one that idled longest had to go
     acknowledged(service)
-
-
-def test_a_stop_gets_in_where_every_connection_is_in_use(
-    service: BenchService, url: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 2)
-    port = httpx.URL(url).port
-    echo = url.replace("http", "ws") + "/echo"
-    with connect(echo), connect(echo), contextlib.ExitStack() as held:
-        for _ in range(20):  # and others wait for a place
-            held.enter_context(socket.create_connection(("127.0.0.1", port)))
-        with httpx.Client(base_url=url, timeout=200.0) as client:
-            answer = client.post(PAGE_STOP, headers={"X-Torquebench": "panel"})
-            assert answer.status_code == 200
-            with pytest.raises(httpx.TransportError):  # it may stop, and nothing else
-                client.get("/hello")
-    acknowledged(service)
-
-
-def test_connections_that_are_answered_are_not_closed_for_others(
-    url: str, behind: Behind, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 1)
-    with connect(url.replace("http", "ws") + "/echo", open_timeout=200.0) as echo:
-        with pytest.raises(httpx.TransportError):
-            httpx.get(f"{url}/hello", timeout=200.0)
-        echo.send("still here")
-        assert echo.recv() == "still here"
-    assert behind.threads == {"torquebench-pages"}
