@@ -20,6 +20,7 @@ from starlette.types import ASGIApp
 
 from torquebench.atomic_write import atomic_write, require_private
 from torquebench.errors import InputError
+from torquebench.kernels import release_compiler
 from torquebench.message import Message
 from torquebench.panel.address import Address
 from torquebench.panel.api import API_PATH, LARGEST_BODY, Guard, create_api, reference_page
@@ -116,6 +117,7 @@ def serve(
     """
     address.check()
     open_all_files()
+    release_compiler()
     listening = listen(address)
     port = int(listening.getsockname()[1])
     loops = uvicorn.Config(app="").get_loop_factory()

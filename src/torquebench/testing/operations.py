@@ -119,7 +119,7 @@ class Interfaces:
             value = values.get(parameter.name)
             option = parameter.option
             if value is None or value is False:
-                words += [f"--no-{option[2:]}"] * (value is not parameter.default is True)
+                words += [f"--no-{option[2:]}"] * (value is False and parameter.default is True)
                 continue
             several = value if isinstance(value, list) else [value]
             if parameter.numbered:

@@ -13,6 +13,7 @@ from typing import Any
 from torquebench.bench.prompts import PromptQueue
 from torquebench.campaign import RunAbortedError
 from torquebench.errors import InputError
+from torquebench.kernels import release_compiler
 from torquebench.message import Message
 from torquebench.operations import (
     EndedError,
@@ -359,6 +360,7 @@ class JobRunner:
         found = "" if problem is None else problem.found
         self._note(job.actor, "a job ended", job_id=view.job_id, state=state, found=found)
         self.log.store(view)
+        release_compiler()
 
     def _document(self, name: str, document: Mapping[str, Any]) -> None:
         job = self._current
