@@ -276,7 +276,8 @@ class Acquisition:
             read += count
             self._paced(read / self._slices)
             parts.append(counter.read_block(self._block_s * count / self._slices))
-            self._supervisor.check_edges(parts[-1], self._channels)
+            if count < self._slices:  # a whole block is checked when it is evaluated
+                self._supervisor.check_edges(parts[-1], self._channels)
         return Block.join(parts) if len(parts) > 1 else parts[0]
 
     def _hand_on(self, block: Block) -> None:
@@ -305,13 +306,14 @@ class Acquisition:
         if not self._held:
             return None
         block = self._evaluator.compensate(self._held, self._channels, self._compensations)
-        if self._viewers:
-            for held in self._held:
-                part = block
-                if len(self._held) > 1:
-                    part = block.part(held.start_s, held.stop_s)
-                for viewer in self._viewers:
-                    viewer.put(part)
+        if all(viewer.patience_s for viewer in self._viewers):
+            parts = [block]
+        else:
+            spans = [(held.start_s, held.stop_s) for held in self._held]
+            parts = [block.part(*span) for span in spans] if len(spans) > 1 else [block]
+        for part in parts:
+            for viewer in self._viewers:
+                viewer.put(part)
         self._held.clear()
         if self._remembered_s:
             # edges take most of the memory

@@ -142,7 +142,7 @@ class Viewer:
     """Bounded queue of blocks for a viewer: it drops the oldest blocks and counts them.
 
     `waits` lets acquisition wait for room instead, for fast simulated time only. `patience_s` is
-    for how long blocks of a bench at rest may be held back, to be evaluated together.
+    for how long blocks of a bench at rest may be held back, to be evaluated and given as one.
     """
 
     maximum: int = 100

@@ -51,6 +51,8 @@ logger = logging.getLogger(__name__)
 
 WATCH_PERIOD_S = 0.005
 """Interval of the supervisor's thread in real time, s of wall time."""
+REST_PERIOD_S = 0.02
+"""Interval of the checks in real time while no drive has power and the bench is safe, s."""
 IDLE_PERIOD_S = 0.05
 """Interval of that thread in simulated time, in which acquisition makes most checks, block by
 block."""
@@ -472,14 +474,20 @@ class SafetySupervisor:
 
     def _watch(self) -> None:
         """Watch drives, acquisition and heartbeats until the bench is closed."""
-        period_s = IDLE_PERIOD_S if self._clock.fast else WATCH_PERIOD_S
         if not self._clock.fast:
             prefer_this_thread()
-        while not self._closing.wait(period_s):
+        while not self._closing.wait(self._period_s()):
             try:
                 self._watch_once()
             except Exception as error:  # nobody supervises this thread, so that it has to continue
                 self._fail(error)
+
+    def _period_s(self) -> float:
+        """Return the time until the next check."""
+        if self._clock.fast:
+            return IDLE_PERIOD_S
+        resting = self._stop.stage is Stage.SAFE and not self._commands.any_powered
+        return REST_PERIOD_S if resting else WATCH_PERIOD_S
 
     def _watch_once(self) -> None:
         """Look for stalls and unreachable drives, and go on towards the safe state."""
