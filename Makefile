@@ -7,8 +7,8 @@ PROJECTS := pyproject.toml constraints.txt $(PLUGINS:%=plugins/%/pyproject.toml)
 # Compiled modules are kept even where the environment forbids it: otherwise every process compiles
 # all that it imports, which takes three to six times as long as what it does.
 export PYTHONDONTWRITEBYTECODE :=
-# One more than processors: a quarter of a worker's time is waiting, for instruments above all.
-WORKERS = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 1)')
+# Two more than processors: tests wait for instruments for a quarter of their time.
+WORKERS = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 2)')
 
 .PHONY: run plant test check unit nightly programs lint types contracts docs kernels pictures \
   tests other-processor clean clean-kernels
@@ -34,8 +34,13 @@ test: programs
 check: $(VENV)/.installed-test
 	$(MAKE) --jobs 4 lint types contracts unit
 
+# Left to `make test`: a third of the processor time of tests/unit, for what changes seldom.
+LATER := bench/test_new_description* cli/test_second_process* compensation/test_exports* \
+  panel/test_panel_people* reducers/test_strangers* reducers/test_tare* reports/test_certificate* \
+  station/test_backup* station/test_hostile* tables/test_table_files* twin/*
 unit: $(VENV)/.installed-test
-	$(BIN)/pytest -n auto --dist worksteal tests/unit -k "not postgresql"
+	$(BIN)/pytest -n auto --dist worksteal tests/unit -k "not postgresql" \
+	  $(LATER:%=--ignore-glob='tests/unit/%')
 
 # Campaigns, soak tests and demonstrations, and the numbers as on another processor.
 nightly: programs
