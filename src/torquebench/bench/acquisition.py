@@ -97,8 +97,8 @@ class Acquisition:
         self._supervisor = supervisor
         self._commands = commands
         self._block_s = description.counter.block_s
-        # In fast simulated time nobody can react between blocks.
         slice_s = max(description.safety.fast_check_s, drivers.shortest_read_s)
+        # In fast simulated time nobody can react between blocks.
         self._slices = 1 if clock.fast else max(1, int(self._block_s / slice_s + 1e-9))
         self._rest_slices = max(1, int(REST_CHECK_S * self._slices / self._block_s + 1e-9))
         self._powered_s = -math.inf
