@@ -267,8 +267,6 @@ class Acquisition:
             late_blocks = int(min(self._clock.late_s, LONGEST_READ_S) / self._block_s)
             if late_blocks >= LATE_BLOCKS:
                 return counter.read_block(late_blocks * self._block_s)
-        if self._slices == 1:
-            return counter.read_block(self._block_s)
         parts: list[Block] = []
         read = 0
         while read < self._slices:

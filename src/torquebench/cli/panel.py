@@ -16,7 +16,8 @@ from torquebench.cli.options import (
     DataOption,
     bench_description,
 )
-from torquebench.cli.terminal.console import note, say, warn
+from torquebench.cli.terminal.compilation import telling_compilation
+from torquebench.cli.terminal.console import note, say, stderr_console, warn
 
 if TYPE_CHECKING:
     from torquebench.panel.beside import PanelService
@@ -86,6 +87,7 @@ def panel_command(services: Sequence[PanelService]) -> Callable[..., None]:
             note("Ctrl-C ends it.")
 
         with (
+            telling_compilation(stderr_console()),
             BenchService.open(description, data, fast=fast) as service,
             contextlib.ExitStack() as running,
         ):

@@ -39,6 +39,9 @@ GRACE_S = 3
 MISSED_S = 10.0
 """Time without an answer after which a connection counts as lost, s; a busy computer answers
 late."""
+COMPILED_S = 60.0
+"""Time after which all kernels of a bench at rest are loaded, or compiled after an installation,
+s."""
 RESTING_S = 30
 """For how long an idle connection is kept, s; longer than clients keep it."""
 
@@ -117,7 +120,9 @@ def serve(
     """
     address.check()
     open_all_files()
-    release_compiler()
+    compiled = threading.Timer(COMPILED_S, release_compiler)
+    compiled.daemon = True
+    compiled.start()
     listening = listen(address)
     port = int(listening.getsockname()[1])
     loops = uvicorn.Config(app="").get_loop_factory()
