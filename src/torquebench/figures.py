@@ -7,9 +7,12 @@ is reproducible: the same arrays give the same bytes.
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
+from html import escape, unescape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,6 +43,7 @@ __all__ = [
     "staircase_figure",
     "styled",
     "svg_text",
+    "translated_labels",
 ]
 
 # Okabe and Ito's palette: distinguishable for colour-blind readers and in grey print.
@@ -103,6 +107,19 @@ class Curve:
     style: str = ""
 
 
+_TRANSLATE: ContextVar[Callable[[str], str] | None] = ContextVar("translate", default=None)
+
+
+@contextmanager
+def translated_labels(translate: Callable[[str], str]) -> Iterator[None]:
+    """Draw with labels in another language, as text in the reader's fonts instead of outlines."""
+    token = _TRANSLATE.set(translate)
+    try:
+        yield
+    finally:
+        _TRANSLATE.reset(token)
+
+
 def styled() -> AbstractContextManager[None]:
     """Return a context with the common style, in which figures are created and drawn."""
     import matplotlib as mpl
@@ -129,15 +146,22 @@ def new_figure(height: float = 3.3, panels: int = 1) -> tuple[Figure, list[Axes]
 
 def svg_text(figure: Figure) -> str:
     """Return the ``<svg>`` element of a figure."""
+    import matplotlib as mpl
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
-    buffer, canvas = io.StringIO(), figure.canvas
+    buffer, canvas, translate = io.StringIO(), figure.canvas, _TRANSLATE.get()
     assert isinstance(canvas, FigureCanvasSVG)  # see `blank_figure`
     # `savefig` draws twice, to lay out first; drawing once does both.
     # Matplotlib states no types for it.
-    canvas.print_svg(buffer, metadata={"Date": None, "Creator": None})  # type: ignore[no-untyped-call]
+    with mpl.rc_context({"svg.fonttype": "none"} if translate else {}):
+        canvas.print_svg(buffer, metadata={"Date": None, "Creator": None})  # type: ignore[no-untyped-call]
     text = buffer.getvalue()
-    return text[text.index("<svg") :]
+    text = text[text.index("<svg") :]
+    if translate is None:
+        return text
+    return re.sub(
+        "(?<=>)[^<>]+(?=</text>)", lambda found: escape(translate(unescape(found[0]))), text
+    )
 
 
 def percent_axis(axes: Axes, range_nm: float) -> None:
@@ -388,7 +412,7 @@ def staircase_figure(
         upper.set_ylabel("standard in N·m")
         upper.tick_params(labelbottom=False)
         lower.plot(time, additional_nm, ".", color=COLOURS[1], markersize=3)
-        lower.set_ylabel("additional\ntorque in N·m")
+        lower.set_ylabel("additional torque in N·m")
         lower.set_xlabel("bench time in s")
         percent_axis(lower, range_nm)
         return svg_text(figure)

@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 from string import Formatter
 
+import numpy as np
 import pytest
 
 import torquebench
@@ -19,9 +20,12 @@ from torquebench.campaign.fitting import model_title
 from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.compensation import MODELS
 from torquebench.errors import InputError
+from torquebench.figures import group_figure, translated_labels
 from torquebench.message import Message
 from torquebench.operations import OPERATIONS, Parameter, parameters
 from torquebench.operations.result import Result
+from torquebench.panel.text import Text
+from torquebench.panel.text.catalogue import LABEL_PARTS
 from torquebench.reports.certificate.building import UNREVIEWED
 from torquebench.signals import SignalFaultKind
 from torquebench.translations import has_words, templates, translated
@@ -201,6 +205,44 @@ def test_every_text_of_a_result_page_is_in_chinese() -> None:
     assert lacking == {}
 
 
+def drawn_labels(path: str) -> Iterator[str]:
+    """Yield the labels of a module's drawings, with 0 for values in them."""
+    for name, call in calls(path):
+        labels = [each.value for each in call.keywords if each.arg == "label"]
+        if re.search(r"\.(set_(xlabel|ylabel|title)|annotate)$", name):
+            labels += call.args[:1]
+        for node in labels:
+            if isinstance(node, ast.JoinedStr):
+                parts = [each.value for each in node.values if isinstance(each, ast.Constant)]
+                yield "0".join(["", *map(str, parts), ""])
+            yield from constants(node)
+
+
+def parts(label: str) -> list[str]:
+    return [each for each in LABEL_PARTS.split(label) if has_words(each)]
+
+
+def test_every_label_of_a_drawing_is_in_chinese() -> None:
+    drawing = ("figures.py", "campaign/", "reports/")
+    labels = {
+        label
+        for path in trees()
+        if path.startswith(drawing) and path not in ENGLISH_PAGES
+        for label in drawn_labels(path)
+        if has_words(label)
+    }
+    assert len(labels) > 25
+    lacking = {each for each in labels if not (known(each) or all(map(known, parts(each))))}
+    assert lacking == set()
+
+
+def test_a_drawing_is_made_in_chinese() -> None:
+    with translated_labels(Text("zh").label):
+        drawn = group_figure({"raw": np.ones(3)}, 100.0)
+    assert "验证组" in drawn
+    assert not re.search("[a-z]{3,} ?</text>", drawn)
+
+
 def described(asked: Parameter) -> Iterator[str]:
     """Yield the texts of a form's field, and of the fields of a record in it."""
     yield from (asked.title, asked.help, *(unit for unit in [asked.unit] if " " in unit))
@@ -267,6 +309,7 @@ def test_every_translated_message_is_in_the_source() -> None:
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
     }
     said |= {each for path in trees() for each in messages(path)}
+    said |= {part for path in trees() for label in drawn_labels(path) for part in parts(label)}
     said |= {verdict.label for verdict in Verdict} | operation_texts() | value_titles()
     described = "".join(
         file.read_text(encoding="utf-8")

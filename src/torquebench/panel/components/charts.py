@@ -40,6 +40,8 @@ class Line:
     dashed : bool
     symbol : str
         ECharts' name of the symbol.
+    hollow : bool
+        Whether the symbols are outlines.
     labels : sequence of str
         Labels beside the points, if any.
     beside : str
@@ -53,6 +55,7 @@ class Line:
     points: bool = False
     dashed: bool = False
     symbol: str = "circle"
+    hollow: bool = False
     labels: Sequence[str] = ()
     beside: str = "right"
 
@@ -147,7 +150,11 @@ def _series(line: Line, per_x: float) -> dict[str, Any]:
             "type": "dashed" if line.dashed else "solid",
             ":color": _colour(line.colour),
         },
-        "itemStyle": {":color": _colour(line.colour)},
+        "itemStyle": {
+            ":borderColor": _colour(line.colour),
+            "borderWidth": 1.5 if line.hollow else 0,
+            **({"color": "transparent"} if line.hollow else {":color": _colour(line.colour)}),
+        },
     }
 
 
@@ -160,10 +167,14 @@ WRAPPED = 3
 """Largest number of names in a legend that fit into two rows on a phone."""
 
 
+def named(lines: Sequence[Line]) -> bool:
+    """Return whether a chart needs a legend; a single line needs none: the axis names it."""
+    return len(lines) != 1
+
+
 def _legend(lines: Sequence[Line]) -> dict[str, Any]:
-    """Return the legend's options; a single line needs none, because the axis names it."""
     names = {line.title for line in lines}
-    return {"show": len(lines) != 1, "type": "plain" if len(names) <= WRAPPED else "scroll"}
+    return {"show": named(lines), "type": "plain" if len(names) <= WRAPPED else "scroll"}
 
 
 class Chart:
@@ -183,6 +194,8 @@ class Chart:
         Logarithmic axes: "", "x", "y" or "xy"; their values are above 0.
     moments : bool
         Whether the horizontal axis is time, s since 1970.
+    level : bool, optional
+        Whether to leave room for a legend, so that charts beside each other are level.
     on_span : callable, optional
         Called with the ends of a span that was drawn with the mouse.
     """
@@ -198,14 +211,16 @@ class Chart:
         tall: bool = False,
         logarithmic: str = "",
         moments: bool = False,
+        level: bool | None = None,
         on_span: Callable[[float, float], Any] | None = None,
     ) -> None:
+        level = named(lines) if level is None else level
         self._per_x = 1000.0 if moments else 1.0  # a time axis counts in ms
         kinds = {axis: "log" if axis in logarithmic else "value" for axis in "xy"}
         options: dict[str, Any] = {
             "animation": False,
             "textStyle": {":fontFamily": "getComputedStyle(document.body).fontFamily"},
-            "grid": {"left": 72, "right": 26, "top": 76, "bottom": 54},
+            "grid": {"left": 72, "right": 26, "top": 76 if level else 32, "bottom": 54},
             "legend": {
                 "top": 0,
                 "left": 0,

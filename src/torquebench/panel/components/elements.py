@@ -76,6 +76,15 @@ def moment(at: date, *, seconds: bool = False) -> Any:
     return made
 
 
+def dated(sentence: str, at: date) -> None:
+    """Add a sentence in which `#` stands for a time or a day."""
+    before, after = sentence.split("#")
+    with box("p"):
+        words("span", before)
+        moment(at)
+        words("span", after)
+
+
 def on_press(element: Any, action: Callable[[], Any]) -> None:
     """Run an action when an element is pressed, and report its end to the browser.
 

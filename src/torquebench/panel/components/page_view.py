@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
 from nicegui import background_tasks, ui
 
-from torquebench.panel.components.charts import Chart, Line, limit_lines, palette
+from torquebench.figures import translated_labels
+from torquebench.panel.components.charts import Chart, Line, limit_lines, named, palette
 from torquebench.panel.components.elements import (
     box,
     in_thread,
@@ -83,8 +85,10 @@ def minus_signs_of(cell: str) -> str:
 
 def show_diagram(text: Text, diagram: Diagram, *, tall: bool = False) -> None:
     """Show the charts of a diagram side by side, with its caption."""
+    lines = [_lines(text, part) for part in diagram.panels]
+    level = any(map(named, lines))
     with box("div", "columns"):
-        for part in diagram.panels:
+        for part, drawn in zip(diagram.panels, lines, strict=True):
             with box("div"):
                 if part.title:
                     words("h3", text(part.title))
@@ -93,8 +97,9 @@ def show_diagram(text: Text, diagram: Diagram, *, tall: bool = False) -> None:
                     label,
                     text(part.abscissa),
                     text(part.ordinate),
-                    _lines(text, part),
+                    drawn,
                     tall=tall,
+                    level=level,
                     logarithmic=part.logarithmic,
                 )
     if diagram.caption:
@@ -137,8 +142,12 @@ def _drawings(text: Text, drawings: Drawings) -> None:
     with place:
         words("p", text("Drawing the figures"), "muted")
 
+    def draw() -> list[Figure]:
+        with nullcontext() if text.language == "en" else translated_labels(text.label):
+            return [Figure(*each) for each in drawings.draw()]
+
     async def show() -> None:
-        drawn = await in_thread(lambda: [Figure(*each) for each in drawings.draw()])
+        drawn = await in_thread(draw)
         if place.is_deleted:
             return
         place.props["aria-busy"] = "false"

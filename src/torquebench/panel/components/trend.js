@@ -116,7 +116,7 @@ export default {
             <template v-if="cursors"><th scope="col" class="number">A</th><th scope="col" class="number">B</th><th scope="col" class="number">B − A</th></template>
           </tr></thead>
           <tbody>
-            <tr v-for="row in values" :key="row.title"><th scope="row"><span class="key" :style="{ background: row.colour }"></span>{{ row.title }}{{ row.unit && ", " + row.unit }}</th><td v-for="(value, index) in row.values" :key="index" class="number">{{ value }}</td></tr>
+            <tr v-for="row in values" :key="row.title"><th scope="row"><span class="key" :style="{ background: row.colour }"></span>{{ row.title }}{{ row.unit && words.joint + row.unit }}</th><td v-for="(value, index) in row.values" :key="index" class="number">{{ value }}</td></tr>
           </tbody>
         </table>
       </div>
@@ -211,7 +211,7 @@ export default {
         const top = place * part + 26;
         grid.push({ left: this.left, right: this.right, top, height: part - 34 - foot });
         xAxis.push(this.x ? {
-          type: "value", gridIndex: place, min: 0, max: 1, animation: false, name: this.x.title + (this.x.unit && ", " + this.x.unit),
+          type: "value", gridIndex: place, min: 0, max: 1, animation: false, name: this.x.title + (this.x.unit && this.words.joint + this.x.unit),
           nameLocation: "middle", nameGap: 28, nameTextStyle: { color: ink, fontSize: 13 },
           axisLabel: { color: ink, fontSize: 13, formatter: numberText }, axisLine: { onZero: false, lineStyle: { color: line } },
           splitLine: { show: true, lineStyle: { color: line, opacity: 0.5 } },

@@ -49,6 +49,8 @@ def head_html(text: Text, look: str) -> str:
             "Trying to connect again. If this lasts, use the red emergency stop button "
             "on the machine."
         ),
+        "tooLong": text("The page tried to send more than the bench accepts."),
+        "shorten": text("Load the page again and enter less."),
         "unready": text(
             "Not connected yet: nothing was done. Press again once the button no longer waits."
         ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import date
 from typing import Any
 
 from torquebench.operations import ROLES
@@ -55,9 +56,10 @@ class UsersView(View):
                 user.name,
                 text(user.role),
                 text("active" if user.active else "not active"),
-                user.created[:10],
+                date.fromisoformat(user.created[:10]),
                 ", ".join(user.system_users),
-                user.password_set,
+                user.password_set[11:],
+                date.fromisoformat(user.password_set[:10]) if user.password_set else "",
             )
             for user in users
         ]
@@ -65,7 +67,14 @@ class UsersView(View):
             table(
                 text("Accounts"),
                 headings(
-                    text, "User name", "Role", "State", "Since", "Computer users", "Password set by"
+                    text,
+                    "User name",
+                    "Role",
+                    "State",
+                    "Since",
+                    "Computer users",
+                    "Password set by",
+                    "Password set",
                 ),
                 rows,
                 on_row=lambda place: self._edit(users[place]),

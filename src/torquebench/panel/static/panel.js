@@ -343,11 +343,9 @@
     const popup = document.getElementById("popup");
     if (!popup) return;
     popup.setAttribute("role", "alert");
-    const [lost, again] = popup.querySelectorAll("span");
-    if (texts().lost) {
-      lost.textContent = texts().lost;
-      again.textContent = texts().reconnecting;
-    }
+    const ours = [texts().lost, texts().reconnecting, texts().tooLong, texts().shorten];
+    const spans = document.querySelectorAll("#popup span, #too_long_message_popup span");
+    if (ours[0]) spans.forEach((span, place) => { span.textContent = ours[place]; });
     new MutationObserver(markLost).observe(popup, { attributes: true });
   });
 })();

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Literal, Protocol
 
@@ -13,6 +14,10 @@ Language = Literal["en", "zh"]
 LANGUAGES: Mapping[Language, str] = {"en": "English", "zh": "中文"}
 """Each language's own name."""
 JOINTS: Mapping[Language, str] = {"en": "; ", "zh": "；"}
+
+
+LABEL_PARTS = re.compile(r"([,;:↑↓]\s*|\s*[-+−]?\d[\d.]*\s*)")
+"""What stands between the words of a label of numbers and words."""
 
 
 class Refusal(Protocol):
@@ -102,6 +107,17 @@ class Text:
         """
         heading = self(term)
         return heading[:1].upper() + heading[1:]
+
+    def label(self, said: str) -> str:
+        """Return a drawing's label in this language, if need be by its parts between numbers.
+
+        Examples
+        --------
+        >>> Text("zh").label("median, clockwise"), Text("zh").label("repeat 2")
+        ('中位数，顺时针', '重复 2')
+        """
+        known = self(said)
+        return known if known != said else "".join(map(self, LABEL_PARTS.split(said)))
 
     def sentence(self, said: str) -> str:
         """Translate a message of the core, and make it a sentence.

@@ -131,7 +131,7 @@ def _figure(result: BreakawayResult) -> str:
             )
             axes.axhline(middle.value, color=colour, ls="--", lw=0.9, label=f"median, {name}")
         axes.set_xlabel("position in degrees" if placed else "ramp")
-        axes.set_ylabel(f"{result.kind} torque in N·m")
+        axes.set_ylabel("torque at first motion in N·m")
         axes.margins(x=0.1, y=0.25)
         legend_above(axes)
         return svg_text(figure)

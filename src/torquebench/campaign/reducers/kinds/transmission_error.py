@@ -82,9 +82,13 @@ def _over_revolution(result: TransmissionErrorResult) -> str:
         shift = 0.004 * result.highest_order
         for number, (upper, each) in enumerate(zip(axes, result.directions, strict=False)):
             colour = COLOURS[number]
-            label = f"{each.direction}, {each.peak_to_peak.value:.1f} arcsec peak to peak"
             upper.plot(each.angle_rad * DEG_PER_RAD, each.error_arcsec, color=colour, lw=0.7)
-            upper.set_title(label, loc="left", fontsize=9, color=colour)
+            upper.set_title(
+                f"{each.direction}, {each.peak_to_peak.value:.1f} arcsec peak to peak",
+                loc="left",
+                fontsize=9,
+                color=colour,
+            )
             upper.set_xlim(0.0, 360.0)
             upper.set_xticks(np.arange(0.0, 361.0, 45.0))
             upper.set_ylabel("error in arcsec")
@@ -114,7 +118,7 @@ def _over_revolution(result: TransmissionErrorResult) -> str:
         highest = max(float(np.max(direction.amplitude_arcsec)) for direction in result.directions)
         lower.set_ylim(0.0, 1.15 * highest)
         turn = abs(result.ratio)
-        lower.set_xlabel(f"order per output revolution ({turn:g}: once a turn of the input)")
+        lower.set_xlabel(f"order per output revolution; once a turn of the input: {turn:g}")
         lower.set_ylabel("amplitude in arcsec")
         return svg_text(figure)
 

@@ -28,7 +28,7 @@ from torquebench.panel.components.elements import (
 from torquebench.panel.components.trend import Band, Trace, Trend
 from torquebench.panel.pages.live.channels import open_channels, open_computed
 from torquebench.panel.pages.recording_dialog import open_recording
-from torquebench.panel.pages.records.column_titles import column_title
+from torquebench.panel.pages.records.column_titles import DECIMALS, column_title
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import (
     TORQUE_SIGNALS,
@@ -75,7 +75,6 @@ COLOURS = {
 DASHED = ("reference_nm", "expanded_uncertainty_nm")
 UNDER = "raw_nm"
 """Ends of the names of signals that are drawn dashed, and as a broad line beneath the others."""
-DECIMALS: dict[Side, int] = {"input": 3, "output": 2}
 FLOORS = {
     "rpm": (1.0, 0.1),
     "rad/s²": (1.0, 0.1),
@@ -107,6 +106,7 @@ TOOLS: Texts = {
     "mean": "Mean",
     "lowest": "Lowest held",
     "highest": "Highest held",
+    "joint": ", ",
 }
 """Texts that the chart's script shows."""
 
@@ -272,13 +272,13 @@ class LiveChart:
         axes = self.layout.axes(band.signals)
         signals = self.layout.signals
         for place, (unit, side) in enumerate(axes):
-            titles.append(f"{self.text.title(side)}, {unit}" if side else unit)
+            titles.append(self.text.title(side) + self.text(", ") + unit if side else unit)
             floors.append(self._floor(band, unit, side, place))
         if len(titles) == 1 and titles[0] == axes[0][0]:
             sides = {signals[name].side for name in band.signals}
             only = sides.pop() if len(sides) == 1 else ""
             if only:
-                titles[0] = f"{self.text.title(only)}, {titles[0]}"
+                titles[0] = self.text.title(only) + self.text(", ") + titles[0]
         return Band(
             titles[0],
             floors[0],

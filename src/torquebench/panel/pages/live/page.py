@@ -20,6 +20,7 @@ from torquebench.panel.pages.effects import EffectsTable
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.live.chart import LiveChart
 from torquebench.panel.pages.page import page
+from torquebench.panel.pages.records.column_titles import DECIMALS
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import BenchSnapshot, SideSnapshot
 from torquebench.panel.text import Text, Texts
@@ -45,7 +46,6 @@ FACT_DECIMALS = {
 }
 EFFECTS_EVERY = 2
 """Page refreshes between two updates of the effects."""
-DECIMALS: dict[Side, int] = {"input": 3, "output": 2}
 
 
 class _Tile:
@@ -113,16 +113,15 @@ class _Tile:
                     words("a", text("Calibrate"), href="/calibrate")
                 return
             kind = text(model_title(state.kind))
+            self._tell(state.made, state.due, side.transducer_serial)
             if state.valid:
                 tag(
                     text("Compensated: {kind}, model {number}", kind=kind, number=state.model_id),
                     "good",
                     "check",
                 )
-                self._tell(state.made, state.due, side.transducer_serial)
             else:
-                tag(text("Calibration expired {due}", due=str(state.due)), "bad", "event_busy")
-                self._tell(state.made, None, side.transducer_serial)
+                tag(text("Calibration expired"), "bad", "event_busy")
                 with self._about:
                     words("a", text("Calibrate"), href="/calibrate")
 

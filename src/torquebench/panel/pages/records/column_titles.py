@@ -1,10 +1,17 @@
-"""Titles of columns, live signals and streams of a run."""
+"""Titles of columns, live signals and streams of a run, and figures of their resolution."""
 
-from torquebench.columns import column_of
+from collections.abc import Mapping, Sequence
+from math import floor, log10
+
+from torquebench.bench.roles import SIDES
+from torquebench.columns import Side, column_of
 from torquebench.panel.text import Text
+from torquebench.units import minus_signs
 
-SIDES = ("input", "output")
 UNITLESS = ("1", "counts")
+DECIMALS: Mapping[Side, int] = {"input": 3, "output": 2}
+"""Decimals of a module's torque in N·m."""
+UNIT_DECIMALS = {"°C": 2, "Hz": 1, "s": 2, "rpm": 3, "°": 3, "%": 2}
 
 
 def column_unit_shown(column: str) -> str:
@@ -53,7 +60,29 @@ def column_with_unit(text: Text, column: str, *, samples: bool = False) -> str:
     """
     unit = column_unit_shown(column)
     title = column_title(text, column, samples=samples)
-    return f"{title}, {unit}" if unit else title
+    return title + text(", ") + unit if unit else title
+
+
+def column_figures(column: str, values: Sequence[float], side: Side = "") -> list[str]:
+    """Return a column's values as text, of a module's resolution; whole ones have no decimals.
+
+    Torques keep two significant digits of the largest one.
+
+    Examples
+    --------
+    >>> column_figures("reading_nm", [38.62849, -0.2], "output"), column_figures("step", [1.0])
+    (['38.63', '−0.20'], ['1'])
+    >>> column_figures("standard_error_nm", [0.000377534]), column_figures("speed_rpm", [-1.1e-4])
+    (['0.00038'], ['0.000'])
+    """
+    unit, largest = column_unit_shown(column), max(map(abs, values), default=0.0)
+    decimals = UNIT_DECIMALS.get(unit)
+    if unit.startswith("N·m"):
+        decimals = DECIMALS.get(column_of(column).side or side, max(DECIMALS.values()))
+        decimals = max(decimals, 1 - floor(log10(largest))) if 0.0 < largest < 1.0 else decimals
+    if decimals is None or all(float(value).is_integer() for value in values):
+        return [minus_signs(f"{value:.6g}") for value in values]
+    return [minus_signs(f"{value:z.{decimals}f}") for value in values]
 
 
 def stream_title(text: Text, stream: str) -> str:

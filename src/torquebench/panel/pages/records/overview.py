@@ -14,6 +14,7 @@ from torquebench.panel.components.charts import COLOURS, Chart, Line, error_char
 from torquebench.panel.components.controls import Field, button, link_button
 from torquebench.panel.components.elements import (
     box,
+    dated,
     empty,
     headings,
     note,
@@ -284,7 +285,7 @@ class _Calibrations(View):
         title = f"{text('No.')} {name}"
         lines = [
             Line(f"{title}, {text('Raw')}", curve.standard_nm, curve.raw_error_nm,
-                 colour, points=True, symbol="emptyCircle")
+                 colour, points=True, hollow=True)
         ]  # fmt: skip
         if curve.model_error_nm:
             lines.append(
@@ -385,13 +386,13 @@ class _Certificates(View):
                     "workspace_premium",
                 )
         for entry in certificates:
-            number, issued = entry.number, f"{entry.issued:%Y-%m-%d}"
+            number = entry.number
             with panel(text("Certificate {number}", number=number)), box("div", "stack"):
                 said = text(
                     "Issued {when}, authorised by {who}, calibration {number}.",
-                    when=issued, who=entry.authorised_by, number=entry.calibration_id,
+                    when="#", who=entry.authorised_by, number=entry.calibration_id,
                 )  # fmt: skip
-                words("p", said)
+                dated(said, entry.issued.date())
                 for role, name, signature in entry.acts:
                     came_about = text(how(signature))
                     words("p", text(ACTS[role], who=name, how=came_about), "muted")

@@ -9,7 +9,9 @@ from typing import Any
 
 from nicegui import ui
 
+from torquebench.bench.roles import SIDES
 from torquebench.campaign.reducers.catalogue import TESTS
+from torquebench.columns import Side
 from torquebench.errors import TorquebenchError
 from torquebench.message import Message
 from torquebench.panel.components.charts import COLOURS, Chart, Line
@@ -30,6 +32,7 @@ from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.operations.files import download
 from torquebench.panel.pages.page import page
 from torquebench.panel.pages.records.column_titles import (
+    column_figures,
     column_title,
     column_unit_shown,
     column_with_unit,
@@ -132,7 +135,7 @@ class _RunPanel:
 
     def _show(self, detail: RunDetail, columns: Sequence[str], begin_s: float) -> None:
         text = self._text
-        with panel(text("Run {number}", number=self._run_id)), box("div", "stack"):
+        with panel(), box("div", "stack"):
             with box("div", "line"):
                 if detail.run.finished is not None:
                     from torquebench.records.export.streams import STREAM_FORMATS  # 31 MB
@@ -165,7 +168,7 @@ class _RunPanel:
             if columns:
                 RunSamples(self._visitor, detail.run, columns, detail.annotations, begin_s).build()
             for part in detail.tables:
-                self._points(part)
+                self._points(part, detail.run.kind)
 
     def _interrupted(self, status: str) -> InterruptedView | None:
         completed = status in ("completed", "running")
@@ -211,7 +214,7 @@ class _RunPanel:
         ]
         table(text("Annotations"), heads, rows)
 
-    def _points(self, part: RunTable) -> None:
+    def _points(self, part: RunTable, kind: str) -> None:
         text = self._text
         numbers = {
             name: values
@@ -232,13 +235,13 @@ class _RunPanel:
         first = _worth_seeing(numbers)
         if first:
             self._plot(numbers, first)
-        names = list(numbers)
-        rows = [
-            tuple(minus_signs(f"{numbers[name][row]:.6g}") for name in names)
-            for row in range(min(SHOWN_ROWS, len(numbers[names[0]])))
+        side: Side = next((side for side in SIDES if side in f"{part.stream} {kind}"), "")
+        figures = [
+            column_figures(name, values[:SHOWN_ROWS], side) for name, values in numbers.items()
         ]
-        table(title, [(column_with_unit(text, name), True) for name in names], rows)
-        if (count := len(numbers[names[0]])) > SHOWN_ROWS:
+        headings = [(column_with_unit(text, name), True) for name in numbers]
+        table(title, headings, list(zip(*figures, strict=True)))
+        if (count := len(next(iter(numbers.values())))) > SHOWN_ROWS:
             words(
                 "p",
                 text("… {shown} of {all} rows; the export has all.", shown=SHOWN_ROWS, all=count),
