@@ -158,11 +158,11 @@ def title_of_name(name: str) -> str:
 
 
 def minus_signs(text: str) -> str:
-    """Return a text with minus signs before its numbers; exponents keep the hyphen.
+    """Return a text with minus signs before its numbers; exponents, dates and names keep hyphens.
 
     Examples
     --------
-    >>> minus_signs("-3.2e-07")
-    '−3.2e-07'
+    >>> minus_signs("-3.2e-07 N·m in 2026-11-29/-1")
+    '−3.2e-07 N·m in 2026-11-29/-1'
     """
-    return re.sub(r"(?<![eE])-", "−", text)
+    return re.sub(r"(?<![\w/.-])-(?=\d|inf)", "−", text)

@@ -171,16 +171,20 @@ def test_a_scale_ends_a_little_beyond_the_values_and_has_a_tick_at_zero(person: 
     person.open("/")
     scale = (
         "const place = document.querySelector('.trend').closest('.trend-box').id.slice(1);"
-        "const axis = {floor: 1, room: arguments[2], low: 0, high: 1, ends: null};"
+        "const axis = {floor: arguments[3], room: arguments[2], low: 0, high: 1, ends: null};"
         "return window.getElement(Number(place)).scaled(axis, [arguments[0], arguments[1]])"
     )
-    for ends, room, found in (
-        ((-2001.0, 2001.0), 60, {"min": -2500, "max": 2500, "interval": 2500}),
-        ((-2001.0, 2001.0), 160, {"min": -2500, "max": 2500, "interval": 2500}),
-        ((-40.0, 1950.0), 160, {"min": -500, "max": 2000, "interval": 500}),
-        ((0.3, 0.7), 160, {"min": 0, "max": 1, "interval": 0.2}),
+    for ends, room, floor, found in (
+        ((-2001.0, 2001.0), 60, 1, {"min": -2500, "max": 2500, "interval": 2500}),
+        ((-2001.0, 2001.0), 160, 1, {"min": -2500, "max": 2500, "interval": 2500}),
+        ((-40.0, 1950.0), 160, 1, {"min": -500, "max": 2000, "interval": 500}),
+        ((0.3, 0.7), 160, 1, {"min": 0, "max": 1, "interval": 0.2}),
+        ((0.0, 0.0), 160, 0, {"min": -0.5, "max": 0.5, "interval": 0.25}),
     ):
-        assert person.driver.execute_script(scale, *ends, room) == found
+        assert person.driver.execute_script(scale, *ends, room, floor) == found
+    for constant in (-1e20, 80.0, 1e300):  # as a ratio or a power at rest
+        drawn = person.driver.execute_script(scale, constant, constant, 160, 0)
+        assert drawn["min"] < constant < drawn["max"]
 
 
 @pytest.mark.nightly

@@ -57,7 +57,7 @@ class NewDescription(Request):
     searched only behind the stated adapters, whose devices must not be in operation.
     """
 
-    basic = ("name", "counter", "signal", "drives", "reference", "angles")
+    basic = ("out", "name", "counter", "signal", "drives", "reference")
 
     out: Annotated[
         Path, field("The file to write.", title="File", argument=True, output=(".toml",))

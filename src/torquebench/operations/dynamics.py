@@ -30,7 +30,7 @@ class DynamicRuns(Request):
     --dynamics` and `fit --dynamics` use the file.
     """
 
-    basic = ("runs", "empty", "model", "window", "bandwidth_hz", "rate")
+    basic = ("runs", "out", "empty", "model", "window", "bandwidth_hz")
 
     runs: Annotated[
         tuple[Path, ...],

@@ -381,7 +381,9 @@ def parameters(model: type[BaseModel]) -> tuple[Parameter, ...]:
     names = dict.fromkeys([*own, *model.model_fields])
     fields = [_parameter(name, model.model_fields[name]) for name in names]
     if basic := getattr(model, "basic", ()):
-        fields = [replace(each, expert=each.name not in basic) for each in fields]
+        fields = [
+            replace(each, expert=not each.required and each.name not in basic) for each in fields
+        ]
     order = list(model.model_fields)
     return tuple(sorted(fields, key=lambda each: order.index(each.name) if each.argument else 999))
 

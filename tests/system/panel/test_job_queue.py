@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -151,8 +152,13 @@ def test_results_have_an_address_that_outlives_the_server(tmp_path: Path) -> Non
         history = until(first.queue.view, lambda view: not view.running).history
         numbers = [item.job_id for item in history]
         check = first.jobs.get(numbers[1])
+        begun = {"job_id": "cut", "state": "running", "finished": None, "result": None}
+        first.jobs.log.began(ANA, replace(check, **begun))  # type: ignore[arg-type]
     with BenchService.open(None, tmp_path, fast=True) as service:
-        assert {each.job_id for each in service.jobs.last()} == set(numbers)
+        assert {each.job_id for each in service.jobs.last()} == {"cut", *numbers}
+        cut = service.jobs.get("cut")
+        assert (cut.state, cut.open, cut.request) == ("interrupted", False, check.request)
+        assert service.jobs.log.newest(1)[0].state == "interrupted"
         listed, again = map(service.jobs.get, numbers)
         assert listed.kind == "records-list"
         assert again.result is not None

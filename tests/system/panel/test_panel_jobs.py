@@ -544,6 +544,8 @@ def test_a_form_shows_six_fields_at_most_and_folds_the_rest() -> None:
         asked = parameters(operation.request)
         shown = [each.name for each in asked if not (each.expert or each.local)]
         assert len(shown) <= 6, (operation.name, shown)
+        folded = [each.name for each in asked if each.expert and each.required]
+        assert not folded, (operation.name, folded)
 
 
 def test_the_server_of_forks_ends_when_it_is_idle_and_begins_again(

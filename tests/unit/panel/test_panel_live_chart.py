@@ -108,6 +108,7 @@ def test_formulas_compute_in_their_unit(torque: float, speed: float, ratio: floa
         ("output_torque / input_torque", "is in 1"),
         ("output_torque * nothing", "no signal"),
         ("output_torque ** input_torque", "exponent"),
+        ("Nm ** output_angle", "exponent"),
         ("9 ** 9 ** 9", "exponent"),
         ("output_torque; 1", "is not a formula"),
         ("-" * 199 + "1", "is in 1|has more than"),

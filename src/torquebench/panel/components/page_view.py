@@ -71,16 +71,11 @@ def _table(text: Text, block: Table) -> None:
         (text(heading), not (number == 0 or block.words or sentences[number]))
         for number, heading in enumerate(block.header)
     ]
-    rows = [[minus_signs_of(text(cell)) for cell in row] for row in block.rows]
+    rows = [[minus_signs(text(cell)) for cell in row] for row in block.rows]
     caption = text(block.caption)
     table(caption, columns, rows, best=block.emphasised)
     if caption:
         words("p", caption, "small muted")
-
-
-def minus_signs_of(cell: str) -> str:
-    """Return a cell with a minus sign before its number; words keep their hyphens."""
-    return minus_signs(cell) if cell[:1] == "-" and cell[1:2].isdigit() else cell
 
 
 def show_diagram(text: Text, diagram: Diagram, *, tall: bool = False) -> None:

@@ -681,8 +681,9 @@ export default {
       // Whole steps, and narrower only when much too wide: a scale that trembles can't be read.
       if (axis.ends) return this.whole(axis, axis.ends[0], axis.ends[1]);
       if (low > high) return { min: axis.low, max: axis.high };
-      const middle = (low + high) / 2;
-      const span = Math.max((high - low) * 1.02, axis.floor);
+      // A value that stands still in a unit without a floor, as a power at rest, has a scale, too.
+      const middle = low / 2 + high / 2;
+      const span = Math.min(Math.max((high - low) * 1.02, axis.floor, 1e-3 * Math.abs(middle)) || 1, 1e300);
       const found = this.closest(middle - span / 2, middle + span / 2, this.mostParts(axis));
       const fits = low >= axis.low && high <= axis.high && axis.high - axis.low <= this.mostParts(axis) * axis.step * 1.001;
       if (!fits || axis.high - axis.low > 2.1 * (found.max - found.min)) {

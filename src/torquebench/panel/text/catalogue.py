@@ -6,9 +6,11 @@ import re
 from collections.abc import Mapping
 from typing import Literal, Protocol
 
+from torquebench.message import Message
 from torquebench.panel.text.words import ALARM_TITLES
 from torquebench.translations import translated
 from torquebench.uncertainty import Verdict
+from torquebench.units import minus_signs
 
 Language = Literal["en", "zh"]
 LANGUAGES: Mapping[Language, str] = {"en": "English", "zh": "中文"}
@@ -67,6 +69,8 @@ class Text:
     >>> text = Text("zh")
     >>> text("In command: {who}", who="Ana"), text("Fitting models")
     ('操作权：Ana', '正在拟合模型')
+    >>> Text("en")(Message("{torque:g} N·m, {branch}", -40.0, "down"))
+    '−40 N·m, down'
     """
 
     def __init__(self, language: Language = "en") -> None:
@@ -75,7 +79,8 @@ class Text:
     def __call__(self, english: str, **values: object) -> str:
         """Return an English text, term or message in this language, its placeholders filled."""
         known = translated(english, self.language)
-        return known.format(**values) if values else known
+        known = known.format(**values) if values else known
+        return minus_signs(known) if isinstance(english, Message) else known
 
     def verdict(self, value: str) -> str:
         """Return the label of a verdict; empty without a verdict.

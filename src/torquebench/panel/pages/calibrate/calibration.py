@@ -133,7 +133,9 @@ class _CalibrationPage:
         """Make the page's elements."""
         with box("div", "stack"):
             self._head = box("div")
-            self._steps = box("ol", "steps", aria_label=self.text("Steps of a calibration"))
+            with box("div", "line"):
+                self._steps = box("ol", "steps", aria_label=self.text("Steps of a calibration"))
+                self._next = box("div")
             self._job = JobPanel(self.visitor)
             self._content = box("div", "stack")
             with self._content:
@@ -209,11 +211,13 @@ class _CalibrationPage:
                 current = "step" if step == self.step else None
                 with box("li", "done" if found.done(step) else "", aria_current=current):
                     button(text(STEP_TITLES[step]), partial(self.show, step), "quiet")
+        with refilled(self._next):
+            self._next_step(found, self.step)
         views = {"models": _models, "verify": _verify, "sign": _sign, "certificate": _certificate}
         with refilled(self._content):
             with part(text):
                 views[self.step](self, found)
-            self._navigation(found)
+            self._navigation(self.step)
 
     def _facts(self, found: _Calibration) -> None:
         """Show the calibration that a signature signs."""
@@ -230,20 +234,21 @@ class _CalibrationPage:
         with panel(f"{side}, {module.range_nm:g} N·m", "in-two"):
             pairs(facts)
 
-    def _navigation(self, found: _Calibration) -> None:
-        assert self.step is not None
-        place = STEPS.index(self.step)
-        with box("div", "spread"):
-            with box("div", "line"):
-                if place:
-                    button(self.text("Back"), lambda: self.show(STEPS[place - 1]),
-                           picture="arrow_back")  # fmt: skip
-                again = self.text("Begin another calibration")
-                button(again, lambda: ui.navigate.to("/calibrate"), "quiet", picture="restart_alt")
-            if place + 1 < len(STEPS):
-                kind = "primary" if found.done(self.step) and self.step != "sign" else ""
-                button(self.text("Next step"), lambda: self.show(STEPS[place + 1]), kind,
-                       picture="arrow_forward")  # fmt: skip
+    def _next_step(self, found: _Calibration, step: Step) -> None:
+        place = STEPS.index(step) + 1
+        if place < len(STEPS):
+            kind = "primary" if found.done(step) and step != "sign" else ""
+            button(self.text("Next step"), lambda: self.show(STEPS[place]), kind,
+                   picture="arrow_forward")  # fmt: skip
+
+    def _navigation(self, step: Step) -> None:
+        place = STEPS.index(step)
+        with box("div", "line"):
+            if place:
+                button(self.text("Back"), lambda: self.show(STEPS[place - 1]),
+                       picture="arrow_back")  # fmt: skip
+            again = self.text("Begin another calibration")
+            button(again, lambda: ui.navigate.to("/calibrate"), "quiet", picture="restart_alt")
 
     def start(self, name: str, request: Mapping[str, Any]) -> None:
         """Start an operation on this calibration."""

@@ -22,6 +22,7 @@ STATES = {
     "done": ("good", "check_circle"),
     "failed": ("bad", "error"),
     "aborted": ("bad", "cancel"),
+    "interrupted": ("bad", "error"),
 }
 
 

@@ -11,6 +11,7 @@ from pydantic import BaseModel
 
 from torquebench.campaign.fitting import model_title
 from torquebench.compensation.kinds import MODEL_NAMES, MODELS, NETWORKS
+from torquebench.message import Message
 from torquebench.operations import Operation, Parameter, parameters
 from torquebench.panel.components.controls import Choice, Field, typed_number
 from torquebench.panel.components.elements import box, words
@@ -90,6 +91,7 @@ class OperationForm:
             for each in parameters(operation.request)
             if each.name not in hidden and not each.local and visitor.has_role(each.role)
         ]
+        self._needed = {each.name: self._text(each.title) for each in asked if each.required}
         with box("div", "stack operation-form"):
             with box("div", "columns narrow"):
                 for each in asked:
@@ -244,12 +246,14 @@ class OperationForm:
 
     def check(self) -> bool:
         """Show each field's error; return whether there are none."""
-        text = self._text
-        faults = faults_of(self._operation.request, self.request(), "")
+        text, request = self._text, self.request()
+        faults = faults_of(self._operation.request, request, "")
         for key, field in self._fields.items():
             fault = faults.get(key)
             allowed = "" if fault is None else text(fault.allowed)
             wrong = text("Allowed: {allowed}", allowed=allowed) if allowed else ""
+            if fault is not None and key in self._needed and key not in request:
+                wrong = text(Message("{key} is missing", self._needed[key]))
             field.wrong("" if fault is None else wrong or text(fault.found))
         return not faults
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -21,7 +20,6 @@ from torquebench.panel.text import Text
 from torquebench.units import unit_of_name
 
 LARGEST_WHOLE = 1e15
-MINUS = re.compile(r"(?<![\w-])-(?=\d)")
 OPEN_GROUPS = ("input.limits", "output.limits")
 
 
@@ -197,8 +195,7 @@ class SettingEditor:
         settings = self._visitor.service.settings
         if isinstance(self._before[key], list):
             return self._text("A list in square brackets, with commas between its values.")
-        said = self._text(settings.allowed(self._item.section, key, unit_of_name(key)))
-        return MINUS.sub("−", said)
+        return self._text(settings.allowed(self._item.section, key, unit_of_name(key)))
 
     def _options(self, key: str) -> dict[str, str] | None:
         """Return the values to choose from with their words; None where a value is free."""

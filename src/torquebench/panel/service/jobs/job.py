@@ -23,7 +23,9 @@ LEAST_STEPS = 2
 JSON = PlainSerializer(lambda result: None if result is None else result.plain())
 """Serialiser of results of any type; `api.describing` adds their schemas."""
 
-JobState = Literal["running", "pausing", "paused", "aborting", "done", "failed", "aborted"]
+JobState = Literal[
+    "running", "pausing", "paused", "aborting", "done", "failed", "aborted", "interrupted"
+]
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,8 @@ class JobView:
     request : mapping
         The request, as JSON.
     started_by : str
-    state : {"running", "pausing", "paused", "aborting", "done", "failed", "aborted"}
+    state : {"running", "pausing", "paused", "aborting", "done", "failed", "aborted", "interrupted"}
+        "interrupted" means by the end of the server.
     can_pause : bool
     beside : bool
         Whether it is a recording, which leaves the bench to other jobs.
@@ -126,7 +129,7 @@ class JobView:
     points : int
         Number of points in `jobs.points`.
     started, finished : datetime.datetime
-        UTC; `finished` is None while it is open.
+        UTC; `finished` is None while it is open, and where the end of the server interrupted it.
     problem : Problem or None
         Why it failed or was aborted.
     result : Result or None
@@ -157,7 +160,7 @@ class JobView:
     @property
     def open(self) -> bool:
         """Whether the job hasn't ended."""
-        return self.finished is None
+        return self.finished is None and self.state != "interrupted"
 
 
 class Points:

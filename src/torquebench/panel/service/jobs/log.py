@@ -90,7 +90,13 @@ class JobLog:
 
     def __init__(self, store: PanelStore) -> None:
         self._store = store
-        self._write(update(job_log).where(job_log.c.state == "running").values(state="interrupted"))
+        running = job_log.c.state == "running"
+        with store.transaction(reading=True) as connection:
+            interrupted = connection.scalars(select(job_log.c.job_id).where(running)).all()
+        for job_id in interrupted:
+            with contextlib.suppress(NotFoundError):  # the disk was full at its start
+                self.store(replace(self.job(job_id), state="interrupted"))
+        self._write(update(job_log).where(running).values(state="interrupted"))
 
     def _write(self, statement: Executable) -> None:
         """Write to the store; ignore a full disk, which raises an alarm elsewhere."""
@@ -112,6 +118,7 @@ class JobLog:
                 told=told,
             )
         )
+        self.store(job)
 
     def ended(self, job: JobView) -> None:
         """Store the end of a job."""
@@ -129,13 +136,13 @@ class JobLog:
         )
 
     def store(self, job: JobView) -> None:
-        """Store an ended job with its result and its description, whose figures are drawn."""
+        """Store a job, as it began or with its result and its description, its figures drawn."""
         if (result := job.result) is not None:
             common = {each.name: getattr(result, each.name) for each in fields(Result)}
             stored = StoredResult(**common, values=result.plain(), description=result.page())
             job = replace(job, result=stored)
         view = json.dumps(_plain(job), ensure_ascii=False)
-        self._write(insert(results).values(job_id=job.job_id, view=view))
+        self._write(insert(results).prefix_with("OR REPLACE").values(job_id=job.job_id, view=view))
 
     def job(self, job_id: str) -> JobView:
         """Return an ended job as it was.
@@ -154,9 +161,9 @@ class JobLog:
         return view
 
     def newest(self, limit: int) -> list[EndedJob]:
-        """Return the stored jobs, the newest first."""
+        """Return the stored jobs that have ended, the newest first."""
         stored = job_log.c.job_id.in_(select(results.c.job_id))
-        return self._ended(select(job_log).where(stored), limit)
+        return self._ended(select(job_log).where(stored, job_log.c.state != "running"), limit)
 
     def untold(self, who: str) -> list[EndedJob]:
         """Return a person's finished jobs that they haven't seen, the oldest first."""

@@ -82,7 +82,7 @@ class ComputedChannel(BaseModel):
     def _computable(self) -> ComputedChannel:
         if self.unit not in RESULT_UNITS:
             raise ValueError(Message("there is no unit {name!r}", self.unit[:80]))
-        computed(self.formula, self.unit, dict.fromkeys(_SIGNALS, 1.0), 1.0)
+        computed(self.formula, self.unit, dict.fromkeys(_SIGNALS, np.ones(2)), 1.0)
         return self
 
     @property
