@@ -351,6 +351,32 @@ def test_an_address_leads_to_view_layout_and_span(person: Visitor, tmp_path: Pat
 
 
 @pytest.mark.nightly
+def test_a_span_is_typed_by_the_clock(person: Visitor) -> None:
+    person.open("/")
+    choose_tool(person, "Span of time")
+    person.sees("are kept.")
+    assert person.axe() == []
+    person.press("Show span")
+    person.sees("no readings in this span")
+    typed = """
+      const now = Date.now(), type = (input, at) => {
+        input.value = new Date(at).toTimeString().slice(0, 8);
+        for (const kind of ["input", "change"]) input.dispatchEvent(new Event(kind));
+      };
+      const [from, to] = document.querySelectorAll("input[type=time]");
+      type(from, now - 4000);
+      type(to, now - 2000);
+      return now / 1000;
+    """
+    now_s = person.driver.execute_script(typed)
+    person.press("Show span")
+    person.wait(lambda: "from=" in person.driver.current_url, "the span in the address")
+    assert moments(person.driver.current_url) == pytest.approx([now_s - 4.0, now_s - 2.0], abs=1.01)
+    person.press("Live")
+    assert person.problems() == []
+
+
+@pytest.mark.nightly
 def test_a_span_is_shown_as_spectrum_and_histogram(person: Visitor) -> None:
     person.open("/")
     choose_tool(person, "Spectrum")

@@ -356,11 +356,14 @@ def _temperatures(station: Station) -> Iterator[Finding]:
     elif strange:
         probe, value = next(iter(strange.items()))
         yield Finding(
-            "probes", "problem", f"{probe} {value:.1f} °C", "check the probe and its wires"
+            "probes",
+            "problem",
+            Message("{probe} {value:.1f} °C", probe, value),
+            "check the probe and its wires",
         )
     else:
-        shown = ", ".join(f"{probe} {value:.1f} °C" for probe, value in present.items())
-        yield Finding("probes", "ok", shown)
+        shown = [Message("{probe} {value:.1f} °C", *pair) for pair in present.items()]
+        yield Finding("probes", "ok", Message.joined(shown))
 
 
 def _standard(station: Station) -> Iterator[Finding]:
@@ -428,7 +431,9 @@ def _fixture(station: Station) -> Iterator[Finding]:
 
     drivers = station.drivers
     try:
-        modes = ", ".join(f"{side} {drivers.modes.mode(side)}" for side in SIDES)
+        modes = Message.joined(
+            [Message("{side} {mode}", side, drivers.modes.mode(side)) for side in SIDES]
+        )
         yield Finding("modes", "ok", Message("{modes}: compare this with the bench", modes))
         clamped = "closed" if drivers.clamp.clamped() else "open"
         yield Finding("clamp", "ok", Message("{clamped}: compare this with the bench", clamped))
@@ -438,6 +443,7 @@ def _fixture(station: Station) -> Iterator[Finding]:
 
 def _compensations(station: Station) -> Iterator[Finding]:
     from torquebench.bench.roles import SIDES
+    from torquebench.campaign.fitting import model_title
 
     for side in SIDES:
         try:
@@ -453,7 +459,9 @@ def _compensations(station: Station) -> Iterator[Finding]:
             yield Finding(Message("{side} model", side), "note", error.found, remedy)
             continue
         yield Finding(
-            Message("{side} model", side), "ok", f"model-{active.model_id} ({active.kind})"
+            Message("{side} model", side),
+            "ok",
+            Message("model-{number} ({title})", active.model_id, model_title(active.kind)),
         )
 
 

@@ -333,8 +333,10 @@ def _show_run(run: RunSummary) -> ShownRecord:
         run.run_id,
         {
             "kind": run.kind,
-            "status": run.status + (f" ({run.reason})" if run.reason else ""),
-            "bench": run.bench + (" (simulated)" if run.simulated else ""),
+            "status": (
+                Message("{status} ({reason})", run.status, run.reason) if run.reason else run.status
+            ),
+            "bench": Message("{bench} (simulated)", run.bench) if run.simulated else run.bench,
             "side": run.side,
             "operator": run.operator,
             "started": _moment(run.started),
@@ -354,21 +356,21 @@ def _show_run(run: RunSummary) -> ShownRecord:
 
 def _state_of(folder: Any) -> str:
     if not folder.sealed:
-        damaged = "".join(f"; events.jsonl {damage}" for damage in folder.damages)
-        return f"not sealed: the run is open, or was interrupted{damaged}"
+        state = "not sealed: the run is open, or was interrupted"
+        return Message.joined([state, *(f"events.jsonl {each}" for each in folder.damages)], "; ")
     try:
         folder.verify()
     except RecordError as error:
-        return f"NOT INTACT: {error}"
+        return Message("NOT INTACT: {error}", Message.of(error))
     return "intact (every SHA-256 as in the manifest)"
 
 
 def _show_model(registry: Registry, model_id: int) -> ShownRecord:
     entry = registry.model(model_id)
     try:
-        state = f"intact, {entry.check_file()}"
+        state = Message("intact, {file}", entry.check_file())
     except RecordError as error:
-        state = f"NOT INTACT: {error}"
+        state = Message("NOT INTACT: {error}", Message.of(error))
     return _shown(
         f"model-{entry.model_id}",
         {
@@ -387,7 +389,7 @@ def _show_model(registry: Registry, model_id: int) -> ShownRecord:
                 for key, value in entry.metrics.items()
                 if key != "contradictions"
             },
-            "contradictions": "; ".join(str(each) for each in entry.contradictions),
+            "contradictions": Message.joined(map(str, entry.contradictions), "; "),
         },
         entry,
         registry.verifications(model_id),
@@ -404,7 +406,10 @@ def _use(registry: Registry, model: ModelEntry) -> str:
     used = next((each for each in reversed(latest) if each.model_id == model.model_id), None)
     if used is None:
         return "yes"
-    return f"yes, since {_moment(used.activated)}, {used.operator or '-'}, {how(used.signature)}"
+    return Message(
+        "yes, since {moment}, {who}, {how}",
+        _moment(used.activated), used.operator or "–", how(used.signature),
+    )  # fmt: skip
 
 
 def _verification(verification: VerificationEntry) -> Section:
@@ -439,6 +444,7 @@ def _verification(verification: VerificationEntry) -> Section:
 
 
 def _show_calibration(registry: Registry, calibration_id: int) -> ShownRecord:
+    from torquebench.campaign.fitting import model_title
     from torquebench.records.signatures import how
 
     entry = registry.calibration(calibration_id)
@@ -454,13 +460,8 @@ def _show_calibration(registry: Registry, calibration_id: int) -> ShownRecord:
             "transducer": entry.transducer_serial,
             "counter": entry.counter_identity,
             "standard": entry.standard_serial,
-            "measured by": Message.joined((entry.measured_by, how(entry.signature))),
-            "checked by": "; ".join(
-                f"{each.checked_by}, {_moment(each.checked)}"
-                f"{'' if each.accepted else ', not accepted'}, {how(each.signature)}"
-                f"{f' ({each.remark})' if each.remark else ''}"
-                for each in reviews
-            ),
+            "measured by": Message("{who}, {how}", entry.measured_by, how(entry.signature)),
+            "checked by": Message.joined([_review(each) for each in reviews], "; "),
             "range": f"{entry.range_nm:g} N·m",
             "valid": Message("{low:.6g} to {high:.6g} N·m", low, high),
             "due": "" if entry.due is None else entry.due.isoformat(),
@@ -473,7 +474,12 @@ def _show_calibration(registry: Registry, calibration_id: int) -> ShownRecord:
             "data": "simulated" if entry.simulated else "measured",
             "data SHA-256": entry.data_sha256,
             "run": entry.run_id or "an external table",
-            "models": ", ".join(f"model-{m.model_id} ({m.kind})" for m in models),
+            "models": Message.joined(
+                [
+                    Message("model-{number} ({title})", each.model_id, model_title(each.kind))
+                    for each in models
+                ]
+            ),
             "certificates": ", ".join(each.number for each in certificates),
             **{
                 f"amended {_moment(each.amended)}": f"{_changes(each.changes)} "
@@ -484,6 +490,17 @@ def _show_calibration(registry: Registry, calibration_id: int) -> ShownRecord:
         },
         entry,
     )
+
+
+def _review(review: Any) -> str:
+    """State who has checked a record, when, and with which outcome."""
+    from torquebench.records.signatures import how
+
+    who = Message("{who}, {moment}", review.checked_by, _moment(review.checked))
+    said = Message("{who}, {how}", who, how(review.signature))
+    if not review.accepted:
+        said = Message("{act}, not accepted", said)
+    return Message("{act} ({remark})", said, review.remark) if review.remark else said
 
 
 def _changes(changes: Mapping[str, Any]) -> str:
@@ -507,11 +524,13 @@ def _shown(
 
 def _short(value: Any) -> str:
     if isinstance(value, float):
-        return f"{value:.6g}"
+        return f"{value:.4g}"
     if isinstance(value, list) and len(value) > 4:
         return f"{len(value)} values"
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_short(item)}" for name, item in value.items())
+        return Message.joined(
+            [Message("{name} {value}", name, _short(item)) for name, item in value.items()]
+        )
     return str(value)
 
 

@@ -43,7 +43,7 @@ class Priority(IntEnum):
     @property
     def description(self) -> str:
         """Priority in words, for a record."""
-        return self.name.lower().replace("_", "-")
+        return ("usual", "nice", "real-time")[self]
 
 
 def _priority_wanted() -> bool:

@@ -54,7 +54,7 @@ def show_blocks(text: Text, blocks: Iterable[Block]) -> None:
     """Show the content of a section."""
     for block in blocks:
         if isinstance(block, Facts):
-            pairs([(text(name), text(value)) for name, value in block.items])
+            pairs([(text(name), minus_signs(text(value))) for name, value in block.items])
         elif isinstance(block, Table):
             _table(text, block)
         elif isinstance(block, Diagram):

@@ -12,12 +12,13 @@ from nicegui import ui
 from pydantic import ValidationError
 
 from torquebench.bench.roles import Side
-from torquebench.errors import TorquebenchError
+from torquebench.errors import InputError, TorquebenchError
 from torquebench.panel.components.charts import Chart, Line
-from torquebench.panel.components.controls import Choice, button
+from torquebench.panel.components.controls import Choice, Field, button
 from torquebench.panel.components.dialogs import ask, foot, sheet
 from torquebench.panel.components.elements import (
     box,
+    dated,
     icon,
     note,
     on_press,
@@ -56,6 +57,13 @@ SPAN_TITLES: Texts = {
     "minutes_10": "10 min",
     "hour_1": "1 h",
 }
+LATEST_TIME = """(event) => {
+    const at = new Date(), [hour, minute, second = 0] = event.target.value.split(":");
+    at.setHours(hour, minute, second, 0);
+    if (at > Date.now()) at.setDate(at.getDate() - 1);
+    emit(event.target.value && at.toISOString());
+}"""
+"""Script that sends the latest moment of a typed time by the reader's clock."""
 VIEWS: Mapping[View, str] = {"time": "show_chart", "xy": "timeline", "digits": "pin"}
 """Icon of each view."""
 VIEW_TITLES: Texts = {
@@ -166,6 +174,7 @@ class LiveChart:
                 (text("Computed channels"), lambda: open_computed(self), "calculate"),
                 (text("Marker"), self._open_marker, "bookmark_add"),
                 (text("Spectrum"), self._open_analysis, "equalizer"),
+                (text("Span of time"), self._open_span, "schedule"),
             ):
                 button(title, action, "quiet small", picture=picture)
 
@@ -397,6 +406,39 @@ class LiveChart:
             confirm=text("Set the marker"),
             field=text("Note"),
         )
+
+    def _open_span(self) -> None:
+        """Ask for the ends of a span by the clock, and hold it."""
+        text, hub = self.text, self.visitor.service.live
+
+        def show() -> None:
+            try:
+                ends = [datetime.fromisoformat(end.value).timestamp() for end in (start, stop)]
+            except ValueError:
+                ends = [0.0, 0.0]
+            first_s, last_s = (end - hub.clock_offset_s for end in ends)
+            if not (first_s < last_s and hub.oldest_s < last_s and first_s < hub.bench_time_s):
+                error = InputError("no readings in this span", "a start before its end, both kept")
+                self.visitor.messages.problem(error)
+                return
+            self.trend.run_method("hold", first_s, last_s)
+            dialog.close()
+
+        with sheet(text("Span of time")) as dialog:
+            kept = datetime.fromtimestamp(hub.oldest_s + hub.clock_offset_s, UTC)
+            dated(text("Readings since # are kept."), kept)
+            with box("div", "columns narrow"):
+                start, stop = (
+                    Field(text(title), kind="time", step="1") for title in ("Span from", "Span to")
+                )
+            with foot(text, dialog):
+                button(text("Show span"), show, "primary", picture="zoom_in")
+        for end in (start, stop):
+            end.control.on(
+                "change",
+                lambda event, end=end: setattr(end, "value", str(event.args)),
+                js_handler=LATEST_TIME,
+            )
 
     # -- spectrum and histogram -------------------------------------------------------------
 

@@ -294,6 +294,11 @@ class LiveHub:
         return self._bench_s
 
     @property
+    def oldest_s(self) -> float:
+        """Bench time of the oldest stored row, s."""
+        return min(level.oldest_s for level in self._memory.levels if level.count)
+
+    @property
     def clock_offset_s(self) -> float:
         """Difference between the wall clock (s since 1970) and bench time, s."""
         with self._lock:
