@@ -135,7 +135,7 @@ class _RunPanel:
 
     def _show(self, detail: RunDetail, columns: Sequence[str], begin_s: float) -> None:
         text = self._text
-        with panel(), box("div", "stack"):
+        with panel(run_title(text, detail.run.kind)), box("div", "stack"):
             with box("div", "line"):
                 if detail.run.finished is not None:
                     from torquebench.records.export.streams import STREAM_FORMATS  # 31 MB
@@ -178,7 +178,6 @@ class _RunPanel:
         text, run = self._text, detail.run
         profiles = profile_titles(self._visitor)
         facts: list[tuple[str, str | datetime]] = [
-            (text("Kind"), run_title(text, run.kind)),
             (text("Started"), run.started),
             (text("State"), text(run.status)),
             (text("By"), run.operator or "—"),
