@@ -1,12 +1,13 @@
 """A person at the live chart: zoom, cursors, peaks, markers, channels, spectrum, files."""
 
 import csv
+import json
 import re
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, urlencode, urlsplit
 
 import pytest
 from selenium.webdriver.common.action_chains import ActionChains
@@ -400,7 +401,10 @@ def test_a_span_is_shown_as_spectrum_and_histogram(person: Visitor) -> None:
 
 @pytest.mark.nightly
 def test_the_chart_is_saved_as_picture_and_table(person: Visitor, folder: Path) -> None:
-    person.open("/")
+    twice_it = {"title": "Twice it", "formula": "2 * output_raw", "unit": "N·m"}
+    bands = [{"signals": ["output_raw_nm", "=Twice it"]}]
+    layout = json.dumps({"bands": bands, "computed": [twice_it]})
+    person.open(f"/?{urlencode({'view': 'time', 'layout': layout})}")
     person.wait(lambda: len(heads(person)) == 5, "a table of values")
     choose_tool(person, "Picture")
     assert saved(person, folder, "png").read_bytes()[:4] == b"\x89PNG"
@@ -413,6 +417,8 @@ def test_the_chart_is_saved_as_picture_and_table(person: Visitor, folder: Path) 
     assert float(rows[0]["output_raw_nm_min"]) <= float(rows[0]["output_raw_nm"])
     assert float(rows[-1]["bench_time_s"]) > float(rows[0]["bench_time_s"])
     assert rows[0]["time_utc"].startswith("20")
+    twice = float(rows[0]["computed_Twice_it_N·m"])
+    assert twice == pytest.approx(2.0 * float(rows[0]["output_raw_nm"]), abs=1e-4)
 
 
 @pytest.mark.nightly

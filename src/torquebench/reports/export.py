@@ -121,7 +121,7 @@ def export_run(registry: Registry, run: RunSummary, folder: Path) -> ExportedRun
         f"NOT INTACT: {each}" for each in folder_changes(run.folder, run.manifest_sha256)
     ]
     _copy_originals(export, source)
-    for write in (_write_documents, _write_raw):
+    for write in (_write_documents, _write_annotations, _write_raw):
         try:
             write(export, source)
         except RecordError as error:
@@ -175,6 +175,15 @@ def _write_documents(export: _Export, source: RunFolder) -> None:
         ]
         name = f"{document.get('name', 'events')}.csv"
         export.table(name, [column_of("unix_time_s"), *columns], rows(), notes)
+
+
+def _write_annotations(export: _Export, source: RunFolder) -> None:
+    """Write what people noted while it was recorded, beside the bench times of the samples."""
+    annotations = source.annotations()
+    if annotations:
+        texts = [Column("note", "text of the annotation"), Column("who", "who made it")]
+        rows = ([each["bench_time_s"], each["note"], each["who"]] for each in annotations)
+        export.table("annotations.csv", [column_of("time_s"), *texts], rows)
 
 
 def _notes(source: RunFolder) -> dict[str, object]:

@@ -3,6 +3,7 @@
 _FILES = {
     "README.txt": "This text.",
     "SHA256SUMS.txt": "SHA-256 of every other file; `sha256sum -c SHA256SUMS.txt` compares them.",
+    "annotations.csv": "What people noted while it was recorded, at which bench time.",
     "calibration.csv": "The points of the calibration in measuring order.",
     "original": (
         "The run's files, unchanged since they were sealed; manifest.json lists their "

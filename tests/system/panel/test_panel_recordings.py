@@ -14,6 +14,7 @@ from torquebench.errors import InputError
 from torquebench.operations.recording import crossing
 from torquebench.panel.service import Actor, BenchService, BusyError, JobView
 from torquebench.records import RunFolder
+from torquebench.reports.export import export_run
 
 CHIEF = Actor("Chief", "administrator", "chief")
 BEN = Actor("ben", "operator", "client-1", "client")
@@ -68,7 +69,9 @@ def test_a_recording_goes_on_until_it_is_finished(service: BenchService) -> None
     assert until(service, zero).state == "done"
 
 
-def test_recordings_and_jobs_of_the_bench_run_beside_each_other(service: BenchService) -> None:
+def test_recordings_and_jobs_of_the_bench_run_beside_each_other(
+    service: BenchService, tmp_path: Path
+) -> None:
     """A waiting trigger blocked every test, and a test every recording."""
     trigger = {"signal": "output_raw_nm", "level": 2300.0}
     waiting = service.jobs.start(BEN, "record", {"name": "overload", "trigger": trigger})
@@ -97,6 +100,11 @@ def test_recordings_and_jobs_of_the_bench_run_beside_each_other(service: BenchSe
     ):
         kept = service.records.run(view.result.run_ids[0]).annotations
         assert [(each.note, each.who) for each in kept] == [(note, ANN.label) for note in notes]
+        registry, number = service.station.registry, view.result.run_ids[0]
+        exported = export_run(registry, registry.run(number), tmp_path / number)
+        listed = (exported.folder / "annotations.csv").read_text().splitlines()
+        assert listed[0] == "time_s,note,who"
+        assert [line.split(",")[1] for line in listed[1:]] == notes
     raw = RunFolder.open(service.data_dir / "runs" / during.result.run_ids[0]).raw()
     np.testing.assert_allclose(np.diff(raw.columns["time_s"]), 0.01, atol=1e-6)  # nothing missed
     assert np.nanmax(np.abs(raw.columns["output_torque_nm"])) > 40.0  # the calibration's load

@@ -554,7 +554,11 @@ export default {
       });
       const quoted = (text) => `"${text.replaceAll('"', '""')}"`;
       const heads = ["time_utc", "bench_time_s"];
-      for (const { name } of this.signals()) heads.push(name, `${name}_min`, `${name}_max`);
+      for (const { name, title, unit } of this.signals()) {
+        // A spreadsheet would compute a head that begins with an equals sign.
+        const head = name.startsWith("=") ? ["computed", ...title.split(" "), unit].filter(Boolean).join("_") : name;
+        heads.push(head, `${head}_min`, `${head}_max`);
+      }
       const lines = [heads.map(quoted).join(",")];
       for (const [time, row] of [...times].sort((a, b) => a[0] - b[0])) {
         const cells = this.signals().flatMap((_, place) => row[place] ?? ["", "", ""]);

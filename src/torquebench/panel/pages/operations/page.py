@@ -144,8 +144,9 @@ class OperationPanel:
             )
 
     def _done(self, result: Any) -> None:
-        with refilled(self._result):
-            show_result(self._visitor, result)
+        if result is not None:  # a job shows its own when it has ended
+            with refilled(self._result):
+                show_result(self._visitor, result)
 
     def refresh(self) -> None:
         """Show the newest job of this operation."""
