@@ -110,7 +110,10 @@ def run_show(place: Place, request: ShowEquipmentRequest, _progress: Progress) -
     return ShownEquipment(
         headline=Message("Equipment {serial}", serial),
         equipment=[_everything(registry, each) for each in found],
-        facts=[(f"{each.kind} {each.serial}", _facts(registry, each)) for each in found],
+        facts=[
+            (Message("{kind} {serial}", each.kind, each.serial), _facts(registry, each))
+            for each in found
+        ],
     )
 
 
@@ -119,7 +122,7 @@ def _facts(registry: Registry, shown: Described) -> list[tuple[str, str]]:
     rows = [("type", f"{shown.manufacturer} {shown.model}".strip()), ("range", span)]
     rows += [(name, str(value)) for name, value in shown.details.items()]
     rows += [
-        (part.role, f"{part.part[1]} since {part.fitted:%Y-%m-%d}")
+        (part.role, Message("{part} since {day}", part.part[1], f"{part.fitted:%Y-%m-%d}"))
         for part in registry.components((shown.kind, shown.serial))
     ]
     rows += [
@@ -143,7 +146,10 @@ def _facts(registry: Registry, shown: Described) -> list[tuple[str, str]]:
             rows.append((f"adjusted {each.performed:%Y-%m-%d}", text))
     if shown.kind == "transducer":
         rows += [
-            (f"calibration-{each.calibration_id}", f"{each.performed:%Y-%m-%d}, due {each.due}")
+            (
+                f"calibration-{each.calibration_id}",
+                Message("{day}, due {due}", f"{each.performed:%Y-%m-%d}", each.due),
+            )
             for each in registry.calibrations(shown.serial)
         ]
     return rows

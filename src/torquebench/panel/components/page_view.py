@@ -46,7 +46,7 @@ def show_page(text: Text, page: Page) -> None:
 
 def _content(text: Text, section: Section) -> None:
     if section.text:
-        words("p", text(section.text))
+        words("p", text.sentence(section.text))
     show_blocks(text, section.blocks)
 
 

@@ -155,7 +155,7 @@ def test_result(visitor: Visitor, result: ReducerTestResult) -> None:
     for side, missing in result.not_in_u.items():
         words("p", f"{text.title(side)}: {text(result.compensation[side])}", "small muted")
         if lacking := not_in_u(missing):
-            note(text(lacking), "warn")
+            note(text.sentence(lacking), "warn")
     for failure in result.failures:
         note(text(failure.message), "bad", title=text(failure.title))
     for part in result.parts:
