@@ -231,7 +231,7 @@ class _CalibrationPage:
             (text("Run"), module.run_id),
             ("SHA-256", found.detail.signed_sha256),
         ]
-        with panel(f"{side}, {module.range_nm:g} N·m", "in-two"):
+        with panel(side + text(", ") + f"{module.range_nm:g} N·m", "in-two"):
             pairs(facts)
 
     def _next_step(self, found: _Calibration, step: Step) -> None:

@@ -341,7 +341,7 @@ class _Drift(View):
             Chart(
                 text("{title} over time with control limits.", title=title),
                 text("time"),
-                f"{title}, {series.unit}",
+                title + text(", ") + series.unit,
                 drift_lines(text, series),
                 moments=True,
             )

@@ -226,7 +226,7 @@ def comparison(visitor: Visitor, result: Result) -> None:
         Chart(
             text("{title} of every specimen.", title=title),
             text.title("specimen"),
-            f"{title}, {found[0][1][key].unit}",
+            title + text(", ") + found[0][1][key].unit,
             [
                 Line(text("values"), [], values, "--series-1", points=True),
                 error_bars("± U", values, [each.expanded_uncertainty for each in shown]),
