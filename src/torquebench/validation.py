@@ -150,6 +150,17 @@ _OF_PATTERNS: Mapping[str, str] = {
     "^([0-9a-f]{64})?$": "a SHA-256 of 64 hexadecimal digits",
 }
 """What a text must be that doesn't match a pattern."""
+_OF_TYPES: Mapping[str, str] = {
+    "bool": "true or false",
+    "dict": "names with values",
+    "finite": "a number",
+    "float": "a number",
+    "int": "a whole number",
+    "path": "a path of a file",
+    "string": "text",
+    "tuple": "a list",
+}
+"""What a value must be, by the beginning of pydantic's name of an error."""
 
 
 def _explain(model: type[BaseModel] | None, detail: ErrorDetails) -> tuple[str, str, str, str]:
@@ -170,6 +181,8 @@ def _explain(model: type[BaseModel] | None, detail: ErrorDetails) -> tuple[str, 
     described = _allowed(field) if field and kind != "value_error" else ""
     if kind == "string_pattern_mismatch":
         described = _OF_PATTERNS.get(detail["ctx"]["pattern"], described)
+    if kind.endswith(("_type", "_parsing", "_number", "_from_float")):
+        described = described or _OF_TYPES.get(kind.partition("_")[0], "")
     if kind == "missing":
         return key, Message("{key} is missing", key), described, "add the key"
     if not key:

@@ -1,6 +1,6 @@
 """The catalogue of operations."""
 
-from torquebench.operations import OPERATIONS
+from torquebench.operations import OPERATIONS, parameters
 from torquebench.operations.catalogue import summary_of
 from torquebench.validation import faults_of
 
@@ -21,3 +21,12 @@ def test_a_text_of_the_wrong_form_is_refused_in_words() -> None:
             assert fault.allowed
             refused += 1
     assert refused >= 3
+
+
+def test_a_value_of_another_type_is_refused_in_words() -> None:
+    """Forms showed pydantic's "Input should be a valid number" as what is allowed."""
+    for operation in OPERATIONS.values():
+        for parameter in parameters(operation.request):
+            fault = faults_of(operation.request, {parameter.name: object()}, "").get(parameter.name)
+            if fault is not None:
+                assert "should" not in fault.allowed, (operation.name, parameter.name)

@@ -11,7 +11,6 @@ from pydantic import BaseModel
 
 from torquebench.campaign.fitting import model_title
 from torquebench.compensation.kinds import MODEL_NAMES, MODELS, NETWORKS
-from torquebench.message import Message
 from torquebench.operations import Operation, Parameter, parameters
 from torquebench.panel.components.controls import Choice, Field, typed_number
 from torquebench.panel.components.elements import box, words
@@ -91,7 +90,6 @@ class OperationForm:
             for each in parameters(operation.request)
             if each.name not in hidden and not each.local and visitor.has_role(each.role)
         ]
-        self._needed = {each.name: self._text(each.title) for each in asked if each.required}
         with box("div", "stack operation-form"):
             with box("div", "columns narrow"):
                 for each in asked:
@@ -168,16 +166,16 @@ class OperationForm:
             self._fields[key] = chosen_file = FileField(
                 self._visitor,
                 title,
-                self._shown(asked, value),
+                field_text(asked, value),
                 hint,
                 several=asked.several,
                 typed=asked.file,
                 on_change=lambda _: self._changed(),
             )
-            return lambda: _value(asked, chosen_file.value)
+            return lambda: field_value(asked, chosen_file.value)
         field = Field(
             title,
-            self._shown(asked, value),
+            field_text(asked, value),
             kind="date" if asked.kind == "day" else "text",
             unit=text(asked.unit),
             hint=hint,
@@ -187,7 +185,7 @@ class OperationForm:
             inputmode="decimal" if asked.kind in ("number", "whole") else None,
         )
         self._fields[key] = field
-        return lambda: _value(asked, field.value)
+        return lambda: field_value(asked, field.value)
 
     def _options(self, asked: Parameter) -> dict[str, str] | None:
         """Return the choices with their labels; None for a free value."""
@@ -215,14 +213,6 @@ class OperationForm:
             for each in asked.choices
         } or None
 
-    @staticmethod
-    def _shown(asked: Parameter, value: Any) -> str:
-        if asked.kind == "values":
-            return ", ".join(f"{name}={shown(part)}" for name, part in (value or {}).items())
-        if asked.several:
-            return ", ".join(map(str, value or ()))
-        return str(value) if isinstance(value, Path) else shown(value)
-
     def _changed(self) -> None:
         """After a pause in typing, check the fields and report the change."""
         if self._waiting is not None:
@@ -247,13 +237,16 @@ class OperationForm:
     def check(self) -> bool:
         """Show each field's error; return whether there are none."""
         text, request = self._text, self.request()
-        faults = faults_of(self._operation.request, request, "")
+        faults = {
+            key if key in self._fields else key.rpartition(".")[0]: fault  # of a list's entry
+            for key, fault in faults_of(self._operation.request, request, "").items()
+        }
         for key, field in self._fields.items():
             fault = faults.get(key)
             allowed = "" if fault is None else text(fault.allowed)
             wrong = text("Allowed: {allowed}", allowed=allowed) if allowed else ""
-            if fault is not None and key in self._needed and key not in request:
-                wrong = text(Message("{key} is missing", self._needed[key]))
+            if fault is not None and "." not in key and key not in request:
+                wrong = text("Fill in this field.")
             field.wrong("" if fault is None else wrong or text(fault.found))
         return not faults
 
@@ -264,22 +257,40 @@ def settings_title(text: Text, document: Mapping[str, Any], name: str) -> str:
     return text(str(title)) if title else name
 
 
-def _value(asked: Parameter, said: str) -> Any:
+def field_text(asked: Parameter, value: Any) -> str:
+    """Return a parameter's value as the text of its field, which `field_value` reads."""
+    if asked.kind == "values":
+        return ", ".join(f"{name}={shown(part)}" for name, part in (value or {}).items())
+    if asked.several or asked.pair:
+        return ", ".join(map(_single_text, value or ()))
+    return _single_text(value)
+
+
+def field_value(asked: Parameter, said: str) -> Any:
     """Convert a field's text to its type; unsuitable text is left for the request's validation."""
     said = said.strip()
     if not said:
         return None if asked.kind != "text" or asked.optional else ""
     if asked.kind == "flag":
         return said == "yes"
-    if asked.kind in ("number", "whole") and not asked.numbered:
-        try:
-            number = typed_number(said)
-        except ValueError:
-            return said
-        return int(number) if asked.kind == "whole" and number.is_integer() else number
     if asked.kind == "values":
         pairs = (part.partition("=") for part in said.split(","))
         return {name.strip(): value.strip() for name, _, value in pairs}
-    if asked.several:
-        return tuple(part.strip() for part in said.split(",") if part.strip())
-    return said
+    if asked.several or asked.pair:
+        parts = (part.strip() for part in said.split(","))
+        return tuple(_single(asked, part) for part in parts if part)
+    return _single(asked, said)
+
+
+def _single_text(value: Any) -> str:
+    return str(value) if isinstance(value, Path) else shown(value)
+
+
+def _single(asked: Parameter, said: str) -> Any:
+    if asked.kind not in ("number", "whole") or asked.numbered:
+        return said
+    try:
+        number = typed_number(said)
+    except ValueError:
+        return said
+    return int(number) if asked.kind == "whole" and number.is_integer() else number
