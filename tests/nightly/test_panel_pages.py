@@ -34,6 +34,16 @@ PARTS = {
 NAMES = [each.name for each in OPERATIONS.values() if " " in each.name]
 COMMANDS = re.compile("|".join(["--[a-z]", *NAMES]))
 """Commands and their options, which every language has in English."""
+UNREAD = re.compile(r"\b20\d\d-\d\d-\d\d\b|[1-9]\.\d{5}|\.0*[1-9]\d{4}|\de-\d")
+"""Days and figures as programs write them."""
+TEXT = """
+const times = [...document.querySelectorAll('time')];
+times.forEach((each) => { each.hidden = true; });
+const text = document.body.innerText;
+times.forEach((each) => { each.hidden = false; });
+return text;
+"""
+"""What a page says without its times, which the browser may not have written yet."""
 CUT = """
 const parts = '.page :is(button, label, h1, h2, h3, summary, .tag, dd, td, li)';
 return [...document.querySelectorAll(parts)]
@@ -132,6 +142,8 @@ def test_every_page_is_accessible_and_fits_its_screen(
         wrong += [f"{address}: {each}" for each in (*person.axe(), *person.problems())]
         wrong += [f"{address}: {width} px wide"] * (width > size[0])
         wrong += [f"{address}: backquotes"] * ("`" in person.text)
+        lines = person.driver.execute_script(TEXT).splitlines()
+        wrong += [f"{address}: {line}" for line in lines if UNREAD.search(line)]
         hidden = person.driver.execute_script(CUT)
         wrong += [f"{address}: {each} is cut" for each in hidden]
         if language == "zh" and "?part=log" not in address:  # whose typed reasons stay as they are

@@ -294,7 +294,8 @@ def chosen_sides(side: Literal["input", "output", "both"]) -> tuple[Side, ...]:
 
 
 LARGEST_STATED = 1e5
-"""Higher limits are only safeguards against nonsense and aren't stated."""
+LEAST_STATED = 1e-4
+"""Limits beyond these only guard against nonsense: "above 0" is stated in place of a lower one."""
 
 
 @dataclass(frozen=True)
@@ -367,12 +368,14 @@ class Parameter:
         """The limits as text; empty without limits."""
         if self.numbered or (self.low is None and self.high is None):
             return ""
-        low = "" if self.low is None else f"{self.low:g}"
+        above, low = self.above, "" if self.low is None else f"{self.low:g}"
+        if self.low is not None and 0.0 < self.low < LEAST_STATED:
+            above, low = True, "0"
         if self.high is None or self.high > LARGEST_STATED:
-            return f"{'>' if self.above else '≥'} {low}"
+            return f"{'>' if above else '≥'} {low}"
         if self.low is None:
             return f"≤ {self.high:g}"
-        return Message("{low} to {high:g}", f"{'> ' if self.above else ''}{low}", self.high)
+        return Message("{low} to {high:g}", f"{'> ' if above else ''}{low}", self.high)
 
 
 def parameters(model: type[BaseModel]) -> tuple[Parameter, ...]:
