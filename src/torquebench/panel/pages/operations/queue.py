@@ -106,7 +106,7 @@ class QueuePanel:
             )
             for each in jobs
         ]
-        columns = headings(text, "started", "operation", "state", "result")
+        columns = headings(text, "Started", "Operation", "State", "Result")
         table(
             text("History"),
             columns,
