@@ -430,6 +430,9 @@ def test_signals_are_recorded_on_demand(person: Visitor) -> None:
     person.choose("When it starts", "level")
     person.sees("Direction")
     assert person.axe() == []
+    person.fill("Level", "much")
+    person.press("Record signals")
+    person.sees("Level: 'much'")
     person.choose("When it starts", "now")
     confirm_recording(person)
     person.wait(lambda: "s recorded" in person.text, "a recording under way")

@@ -83,9 +83,9 @@ def open_recording(visitor: Visitor) -> None:
 
 
 def _numbers(duration: Field, before: Field) -> dict[str, Any]:
-    numbers: dict[str, Any] = {"before_s": _number(before.value or "0")}
+    numbers: dict[str, Any] = {"before_s": _number(before) if before.value.strip() else 0.0}
     if duration.value.strip():
-        numbers["duration_s"] = _number(duration.value)
+        numbers["duration_s"] = _number(duration)
     return numbers
 
 
@@ -93,7 +93,7 @@ def _beginning(begins: Field, signal: Field, level: Field, way: Field, at: Field
     if begins.value == "level":
         trigger = {
             "signal": signal.value,
-            "level": _number(level.value),
+            "level": _number(level),
             "direction": way.value,
         }
         return {"trigger": trigger}
@@ -106,8 +106,9 @@ def _beginning(begins: Field, signal: Field, level: Field, way: Field, at: Field
     return {}
 
 
-def _number(said: str) -> float:
+def _number(field: Field) -> float:
     try:
-        return typed_number(said)
+        return typed_number(field.value)
     except ValueError:
-        raise InputError(Message("{said!r} for a number", said), "a number") from None
+        found = Message("{field}: {value!r}", field.label, field.value)
+        raise InputError(found, "a number") from None
