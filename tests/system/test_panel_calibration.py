@@ -104,6 +104,7 @@ def measure_and_verify(ben: Visitor, ana: Visitor) -> None:
     ana.sees("Before and after")
     assert ana.driver.current_url.endswith("/calibrations/1")
 
+    assert ben.button("Next step").rect["y"] < 600.0  # above the fold
     ben.press("Next step")
     ben.fill("Groups", "2")
     ben.press("Mounting", within="//main")
