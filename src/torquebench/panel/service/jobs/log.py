@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Select, insert, select, update
+from sqlalchemy import Select, delete, insert, select, update
 from sqlalchemy.sql import Executable
 
 from torquebench.errors import RecordError
@@ -98,10 +98,11 @@ class JobLog:
                 self.store(replace(self.job(job_id), state="interrupted"))
         self._write(update(job_log).where(running).values(state="interrupted"))
 
-    def _write(self, statement: Executable) -> None:
+    def _write(self, *statements: Executable) -> None:
         """Write to the store; ignore a full disk, which raises an alarm elsewhere."""
         with contextlib.suppress(RecordError), self._store.transaction() as connection:
-            connection.execute(statement)
+            for statement in statements:
+                connection.execute(statement)
 
     def began(self, actor: Actor, job: JobView, *, told: bool = False) -> None:
         """Store the start of a job, and whether the user needs no message about its end."""
@@ -118,10 +119,11 @@ class JobLog:
                 told=told,
             )
         )
-        self.store(job)
+        if job.open:
+            self.store(job)
 
     def ended(self, job: JobView) -> None:
-        """Store the end of a job."""
+        """Store the end of a job; `store` adds its result, once its figures are drawn."""
         said = job.result.headline if job.result is not None else ""
         if job.problem is not None:
             said = job.problem.found
@@ -132,7 +134,8 @@ class JobLog:
                 state=job.state,
                 headline=said,
                 verdict="" if job.result is None else job.result.verdict,
-            )
+            ),
+            delete(results).where(results.c.job_id == job.job_id),
         )
 
     def store(self, job: JobView) -> None:
