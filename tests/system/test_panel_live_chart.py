@@ -431,8 +431,12 @@ def test_signals_are_recorded_on_demand(person: Visitor) -> None:
     person.sees("Direction")
     assert person.axe() == []
     person.fill("Level", "much")
+    person.fill("Also record before the start", "99")
     person.press("Record signals")
-    person.sees("Level: 'much'")
+    person.sees("Allowed: a number, 0 to 60 s")
+    wrong = person.driver.find_elements("css selector", "[aria-invalid=true]")
+    assert len(wrong) == 2
+    person.fill("Also record before the start", "0")
     person.choose("When it starts", "now")
     confirm_recording(person)
     person.wait(lambda: "s recorded" in person.text, "a recording under way")

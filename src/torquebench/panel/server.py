@@ -40,8 +40,7 @@ MISSED_S = 10.0
 """Time without an answer after which a connection counts as lost, s; a busy computer answers
 late."""
 COMPILED_S = 60.0
-"""Time after which all kernels of a bench at rest are loaded, or compiled after an installation,
-s."""
+"""Time after which the first start after an installation has compiled its kernels, s."""
 RESTING_S = 30
 """For how long an idle connection is kept, s; longer than clients keep it."""
 
@@ -120,6 +119,7 @@ def serve(
     """
     address.check()
     open_all_files()
+    release_compiler()
     compiled = threading.Timer(COMPILED_S, release_compiler)
     compiled.daemon = True
     compiled.start()

@@ -111,7 +111,7 @@ class Field:
         on_enter: Callable[[], Any] | None = None,
         **attributes: Any,
     ) -> None:
-        self.label, self.value = label, value
+        self.value = value
         self._on_change = on_change
         if kind.endswith("password"):
             attributes["autocomplete"] = kind if kind == "new-password" else "current-password"

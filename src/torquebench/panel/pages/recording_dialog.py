@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
-from typing import Any
-
-from torquebench.errors import InputError
-from torquebench.message import Message
-from torquebench.operations.recording import TRIGGER_SIGNALS
-from torquebench.panel.components.controls import Field, button, typed_number
+from torquebench.operations import parameters
+from torquebench.operations.recording import TRIGGER_SIGNALS, RecordRequest
+from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.dialogs import foot, sheet
 from torquebench.panel.components.elements import box, words
+from torquebench.panel.pages.operations.form import field_value, fields_suit
 from torquebench.panel.pages.records.column_titles import column_title
 from torquebench.panel.pages.visitor import Visitor
-from torquebench.panel.service import Actor
 
 
 def open_recording(visitor: Visitor) -> None:
     """Ask for the data of a recording, and start it."""
     text = visitor.text
+    asked = {each.name: each for each in parameters(RecordRequest)}
 
     def start() -> None:
-        def begin(actor: Actor) -> None:
-            request = {"name": name.value.strip(), "note": note.value.strip()}
-            request |= _numbers(duration, before) | _beginning(begins, signal, level, way, at)
-            visitor.service.jobs.start(actor, "record", request)
-
-        visitor.act(begin, then=dialog.close)
+        fields = {"name": name, "note": note, "duration_s": duration, "before_s": before}
+        entered = {key: field_value(asked[key], field.value) for key, field in fields.items()}
+        request = {key: value for key, value in entered.items() if value not in (None, "")}
+        if begins.value == "level":
+            passed = field_value(asked["duration_s"], level.value)
+            request["trigger"] = {"signal": signal.value, "level": passed, "direction": way.value}
+        elif begins.value == "time":
+            request["at"] = at.value
+        if fields_suit(text, RecordRequest, request, fields | {"trigger.level": level, "at": at}):
+            visitor.act(visitor.service.jobs.start, "record", request, then=dialog.close)
 
     def shown(kind: str) -> None:
         for field in (signal, level, way):
@@ -80,35 +81,3 @@ def open_recording(visitor: Visitor) -> None:
         lambda event: setattr(at, "value", str(event.args)),
         js_handler="(event) => emit(new Date(event.target.value).toISOString())",
     )
-
-
-def _numbers(duration: Field, before: Field) -> dict[str, Any]:
-    numbers: dict[str, Any] = {"before_s": _number(before) if before.value.strip() else 0.0}
-    if duration.value.strip():
-        numbers["duration_s"] = _number(duration)
-    return numbers
-
-
-def _beginning(begins: Field, signal: Field, level: Field, way: Field, at: Field) -> dict[str, Any]:
-    if begins.value == "level":
-        trigger = {
-            "signal": signal.value,
-            "level": _number(level),
-            "direction": way.value,
-        }
-        return {"trigger": trigger}
-    if begins.value == "time":
-        try:
-            moment = datetime.fromisoformat(at.value)
-        except ValueError:
-            raise InputError("no moment", "date and time at which the recording begins") from None
-        return {"at": moment.astimezone(UTC).isoformat()}
-    return {}
-
-
-def _number(field: Field) -> float:
-    try:
-        return typed_number(field.value)
-    except ValueError:
-        found = Message("{field}: {value!r}", field.label, field.value)
-        raise InputError(found, "a number") from None

@@ -236,19 +236,28 @@ class OperationForm:
 
     def check(self) -> bool:
         """Show each field's error; return whether there are none."""
-        text, request = self._text, self.request()
-        faults = {
-            key if key in self._fields else key.rpartition(".")[0]: fault  # of a list's entry
-            for key, fault in faults_of(self._operation.request, request, "").items()
-        }
-        for key, field in self._fields.items():
-            fault = faults.get(key)
-            allowed = "" if fault is None else text(fault.allowed)
-            wrong = text("Allowed: {allowed}", allowed=allowed) if allowed else ""
-            if fault is not None and "." not in key and key not in request:
-                wrong = text("Fill in this field.")
-            field.wrong("" if fault is None else wrong or text(fault.found))
-        return not faults
+        return fields_suit(self._text, self._operation.request, self.request(), self._fields)
+
+
+def fields_suit(
+    text: Text, model: type[BaseModel], request: Mapping[str, Any], fields: Mapping[str, Any]
+) -> bool:
+    """Show the error of each field, by its dotted key; return whether there are none.
+
+    What is wrong elsewhere is left to the service, which refuses it in words.
+    """
+    faults = {
+        key if key in fields else key.rpartition(".")[0]: fault  # of a list's entry
+        for key, fault in faults_of(model, request, "").items()
+    }
+    for key, field in fields.items():
+        fault = faults.get(key)
+        allowed = "" if fault is None else text(fault.allowed)
+        wrong = text("Allowed: {allowed}", allowed=allowed) if allowed else ""
+        if fault is not None and "." not in key and key not in request:
+            wrong = text("Fill in this field.")
+        field.wrong("" if fault is None else wrong or text(fault.found))
+    return not faults.keys() & fields.keys()
 
 
 def settings_title(text: Text, document: Mapping[str, Any], name: str) -> str:
