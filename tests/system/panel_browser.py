@@ -23,7 +23,7 @@ from tests.system.command_line import COMMAND, environment, prepared, wait_until
 from tests.system.panel_api import SLOW
 from tests.system.prepared_commands import RunningCommand
 
-HARMLESS = "ERR_", "Failed to fetch", "WebSocket", "reading 'dispose'"
+HARMLESS = "ERR_", "Failed to fetch", "WebSocket", "transport=polling", "reading 'dispose'"
 """In messages of the browser's console about lost connections, and about charts of NiceGUI that are
 removed before they have drawn anything: its clean-up misses what drawing would have made."""
 FLAGS = (
