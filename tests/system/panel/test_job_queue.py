@@ -152,10 +152,9 @@ def test_results_have_an_address_that_outlives_the_server(tmp_path: Path) -> Non
         history = until(first.queue.view, lambda view: not view.running).history
         numbers = [item.job_id for item in history]
         check = first.jobs.get(numbers[1])
-        begun = {"job_id": "cut", "state": "running", "finished": None, "result": None}
-        first.jobs.log.began(ANA, replace(check, **begun))  # type: ignore[arg-type]
-        undrawn = replace(check, **begun | {"job_id": "undrawn"})  # type: ignore[arg-type]
-        first.jobs.log.began(ANA, undrawn)
+        begun: dict[str, Any] = {"state": "running", "finished": None, "result": None}
+        for name in ("cut", "undrawn"):
+            first.jobs.log.began(ANA, replace(check, job_id=name, **begun))
         first.jobs.log.ended(replace(check, job_id="undrawn"))
         assert "undrawn" not in [each.job_id for each in first.jobs.log.newest(5)]
     with BenchService.open(None, tmp_path, fast=True) as service:
